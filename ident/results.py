@@ -1,0 +1,312 @@
+"""What the stages return and what is written as JSON: frozen dataclasses of plain numbers.
+
+SI units (rad, rad/s); what is missing is ``None``; NaN never appears. Each class is turned into a JSON
+Schema, and each output is validated against it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+SCHEMA_VERSION = "1"
+
+Status = Literal["identified", "weak", "not_identifiable"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with its standard error and its 95 % interval.
+
+    value : the estimate, None where the data cannot give one
+    std : standard error
+    low, high : ends of the 95 % interval, None where there is none
+    reason : why the status is not ``identified``
+    """
+
+    value: float | None
+    std: float | None
+    low: float | None
+    high: float | None
+    unit: str
+    status: Status = "identified"
+    reason: str | None = None
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A question that the data cannot answer."""
+
+    what: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class LogFile:
+    """One file that was read."""
+
+    path: str
+    sha256: str
+    bytes: int
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What an output was made from; two runs are equal but for ``date``.
+
+    files : the logs, with paths relative to the LOGS argument
+    applied : which channel map, vehicle file and recipe were used, for each run
+    command : the command that makes this output again
+    """
+
+    version: str
+    command: str
+    seed: int
+    date: str
+    files: list[LogFile] = field(default_factory=list)
+    applied: dict[str, str] = field(default_factory=dict)
+
+
+# --- logs and signals -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Damage:
+    """What a log has lost: ``what`` says it in one line; a count is None where nothing tells it."""
+
+    what: str
+    messages_lost: int | None = None
+    seconds_lost: float | None = None
+    bytes_lost: int | None = None
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A stretch without samples: from ``start`` [s since the start of the run], ``seconds`` long."""
+
+    start: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class TopicHealth:
+    """How one topic was recorded.
+
+    rate : median rate [1/s], None below three messages
+    jitter : spread (half of the 16-84 % range) of the period, in parts of the period
+    gaps : stretches without messages longer than 1.5 periods
+    lost : messages missing in those gaps, at the median rate, None where there is no steady rate
+    out_of_order, repeated_stamps : messages stamped before, or the same as, their predecessor
+    arrival_delay, arrival_delay_p95 : log time minus header stamp, median and 95 % point [s]
+    """
+
+    name: str
+    type: str
+    messages: int
+    rate: float | None
+    jitter: float | None
+    gaps: list[Gap]
+    lost: int | None
+    stamp: Literal["header", "log"]
+    out_of_order: int = 0
+    repeated_stamps: int = 0
+    arrival_delay: float | None = None
+    arrival_delay_p95: float | None = None
+
+
+@dataclass(frozen=True)
+class SignalHealth:
+    """One signal of the glossary as it was found in a run.
+
+    source : "topic.field" or what it is derived from
+    resolution : smallest step between different values, where the signal is quantised
+    repeated : share of samples equal to the one before
+    not_finite : samples that are NaN or infinite, left out
+    """
+
+    name: str
+    unit: str
+    source: str
+    samples: int
+    low: float | None
+    high: float | None
+    resolution: float | None
+    repeated: float
+    not_finite: int
+
+
+@dataclass(frozen=True)
+class Latency:
+    """How late ``signal`` is against ``reference`` [s]; reported, never removed unasked."""
+
+    signal: str
+    reference: str
+    delay: Estimate
+
+
+@dataclass(frozen=True)
+class RunHealth:
+    """What a run holds and what is wrong with it."""
+
+    name: str
+    format: str
+    start: str
+    duration: float
+    channels: str
+    vehicle: str
+    topics: list[TopicHealth]
+    signals: dict[str, SignalHealth]
+    missing: list[str]
+    latencies: list[Latency] = field(default_factory=list)
+    clocks: list[str] = field(default_factory=list)
+    damage: list[Damage] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class InfoResult:
+    """`ident info`: what is in the logs."""
+
+    schema_version: str
+    provenance: Provenance
+    runs: list[RunHealth]
+    unreadable: list[Refusal]
+    warnings: list[str]
+
+
+# --- steering -------------------------------------------------------------------------------------
+
+Pair = Literal["steering_wheel", "road_wheel"]
+Classification = Literal["first_order", "overdamped", "critically_damped", "underdamped"]
+StepMethod = Literal["first_order_63", "modified_harriott"]
+ExperimentKind = Literal["step", "pulse", "sine", "other"]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """An experiment found in the request.
+
+    start, end : [s since the start of the run]; ``end`` is the last sample that belongs to it
+    start_uncertainty : how much earlier than ``start`` the change may have been [s]
+    level_before, level_after : request before and after a step or pulse [rad]; before is None where
+        the log begins with the step
+    amplitude : size of the step or pulse, signed, or amplitude of the sine [rad]
+    frequency : of a sine [rad/s]
+    used_by : what uses it: "first_order_63", "modified_harriott", "likelihood"
+    rejected : for everything that does not use it, the reason
+    """
+
+    run: str
+    kind: ExperimentKind
+    start: float
+    end: float
+    start_uncertainty: float = 0.0
+    level_before: float | None = None
+    level_after: float | None = None
+    amplitude: float | None = None
+    frequency: float | None = None
+    used_by: list[str] = field(default_factory=list)
+    rejected: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SteeringModel:
+    """K exp(-L s) / ((T1 s + 1)(T2 s + 1)), equation (2.25); total_lag is L + T1 + T2.
+
+    natural_frequency, damping_ratio : the same denominator as s²/ω² + 2 ζ s/ω + 1 (2.19); where it is
+        underdamped it has no real time constants and these two stand alone.
+    """
+
+    gain: Estimate
+    dead_time: Estimate
+    time_constant_1: Estimate
+    time_constant_2: Estimate
+    total_lag: Estimate
+    natural_frequency: Estimate
+    damping_ratio: Estimate
+
+
+@dataclass(frozen=True)
+class StepFit:
+    """What one step method gives: the medians over the steps it could use, None where it has none.
+
+    spread : standard deviation between steps of each value, None below two steps
+    rms_error : of the step responses against this model [rad]
+    steps : how many steps were used
+    """
+
+    method: StepMethod
+    gain: float | None
+    dead_time: float | None
+    time_constant_1: float | None
+    time_constant_2: float | None
+    rms_error: float | None
+    steps: int
+    spread: dict[str, float | None] = field(default_factory=dict)
+    reason: str | None = None
+
+
+@dataclass(frozen=True)
+class RunFit:
+    """The model fitted to one run alone, beside the common model on that run.
+
+    vaf : variance accounted for by the common model [-], 1 - var(residual)/var(measured)
+    vaf_own : the same for the fit to this run alone
+    """
+
+    run: str
+    excitation: list[str]
+    samples: int
+    model: SteeringModel | None
+    rms_error: float
+    vaf: float
+    vaf_own: float | None
+    reason: str | None = None
+
+
+@dataclass(frozen=True)
+class Noise:
+    """The noise of the measured angle: innovations of standard deviation ``std`` [rad].
+
+    kind : "ar" on the sample index, y_k = sum a_i y_(k-i) + e_k, or "continuous_ar1" with
+        ``correlation_time`` [s] where the stamps jitter
+    quantisation : resolution of the measured angle [rad], None where it is not quantised
+    """
+
+    kind: Literal["ar", "continuous_ar1"]
+    std: float
+    total_std: float
+    ar: list[float]
+    correlation_time: float | None
+    quantisation: float | None
+
+
+@dataclass(frozen=True)
+class SteeringResult:
+    """`ident steering`: the steering transfer function and what it was identified from.
+
+    verdict : one line
+    adequate : whether the residual is explained by the noise and the runs agree with one model
+    vaf : variance accounted for over all runs used
+    agreement_p : p-value of the hypothesis that all runs have the same parameters
+    """
+
+    schema_version: str
+    provenance: Provenance
+    verdict: str
+    next_step: str | None
+    pair: Pair
+    model: SteeringModel
+    classification: Classification
+    classification_reason: str
+    adequate: bool
+    agreement_p: float | None
+    rms_error: float
+    vaf: float
+    samples: int
+    noise: Noise
+    step_methods: list[StepFit]
+    by_run: list[RunFit]
+    experiments: list[Experiment]
+    runs: list[RunHealth]
+    refused: list[Refusal]
+    warnings: list[str]

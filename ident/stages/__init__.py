@@ -1,0 +1,1 @@
+"""One stage, one file, one public function; a stage returns results and writes nothing."""
