@@ -1,0 +1,67 @@
+# make run      identify the steering of the sample logs (report in reports/sample_logs/)
+# make test     everything that is checked: style, types, tests
+# make schema   JSON Schemas of the outputs, from the classes of ident/results.py
+# make samples  the sample logs again, from their seed
+# make lock     the pinned requirements again, from pyproject.toml (needs uv: https://docs.astral.sh/uv)
+# make clean    remove what the others made
+#
+# Needs Python 3.11, 3.12 or 3.13; PYTHON=/path/to/python chooses one.
+
+VENV := .venv
+BIN := $(VENV)/bin
+
+IN_RANGE := import ensurepip, sys, venv; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))
+CANDIDATES := python3.13 python3.12 python3.11 python3 python
+FOUND = $(firstword $(foreach p,$(CANDIDATES),$(shell $(p) -c '$(IN_RANGE)' >/dev/null 2>&1 && echo $(p))))
+PYTHON ?= $(FOUND)
+
+# A virtual environment whose interpreter is gone is made anew.
+ifneq ($(shell $(BIN)/python -c 'print("runs")' 2>/dev/null),runs)
+.PHONY: $(VENV)/run.stamp $(VENV)/dev.stamp
+endif
+
+.PHONY: run test schema samples lock clean
+
+run: $(VENV)/run.stamp
+	$(BIN)/ident steering sample_logs/
+
+test: $(VENV)/dev.stamp
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/python -m pytest -n 2
+
+schema: $(VENV)/dev.stamp
+	$(BIN)/python -m ident.pipeline.schema docs/schema
+
+samples: $(VENV)/dev.stamp
+	$(BIN)/python sample_logs/generate.py
+
+# The build system comes from the lock too, so that installing the project itself downloads nothing.
+define install
+	@$(BIN)/python -c '$(IN_RANGE)' >/dev/null 2>&1 || { \
+	  test -n "$(PYTHON)" || { echo "no Python 3.11, 3.12 or 3.13 with venv was found: install one, or say PYTHON=/path/to/python" >&2; exit 1; }; \
+	  rm -rf $(VENV) && "$(PYTHON)" -m venv $(VENV); }
+	@echo "installing $(1) into $(VENV)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: -r $(1)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
+	@touch $@
+endef
+
+$(VENV)/run.stamp: requirements.lock pyproject.toml
+	$(call install,requirements.lock)
+
+$(VENV)/dev.stamp: requirements-dev.lock pyproject.toml
+	$(call install,requirements-dev.lock)
+
+# What is used at run time has the same version in both. UPGRADE=--upgrade takes newer versions.
+COMPILE = uv pip compile pyproject.toml --group build --universal --generate-hashes --python-version 3.11 \
+	--no-header --no-annotate --no-emit-index-url --no-config --fork-strategy fewest --quiet $(UPGRADE)
+
+lock:
+	$(COMPILE) --extra dev --output-file requirements-dev.lock
+	$(COMPILE) --constraints requirements-dev.lock --output-file requirements.lock
+
+clean:
+	rm -rf $(VENV) reports dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
