@@ -125,7 +125,7 @@ def model_text(model: Model) -> str:
 
 
 class _Representer(RoundTripRepresenter):
-    """Writes None as ``null``, not as nothing, and 1e-05 as 1.0e-05, which YAML 1.1 readers take for a number."""
+    """Writes None as ``null``, not as nothing, and 1e-05 as 1.0e-05: a number for YAML 1.1 readers too."""
 
     def represent_nothing(self, _: None) -> Any:
         return self.represent_scalar("tag:yaml.org,2002:null", "null")

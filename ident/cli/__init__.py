@@ -1,0 +1,34 @@
+"""The command ``ident``; nothing heavy is imported before a command has something to do."""
+
+from __future__ import annotations
+
+import click
+
+from ident import __version__
+from ident.cli.boundary import ErrorBoundary
+from ident.cli.info import info
+from ident.cli.init import init
+from ident.cli.steering import steering
+
+
+@click.group(cls=ErrorBoundary, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, message="%(prog)s %(version)s")
+def main() -> None:
+    """Identify a vehicle model, with error bars, from the logs of an autonomous truck.
+
+    LOGS are rosbag2 folders, single .mcap or .db3 files, or folders that hold such logs.
+
+    \b
+    Example:
+      ident info my_logs/
+      ident steering my_logs/
+
+    \b
+    Exit codes: 0 done, 1 internal error, 2 usage, 3 no usable log or a bad recipe,
+    4 the data cannot answer, 5 a requirement is not met, 130 interrupted.
+    """
+
+
+main.add_command(init)
+main.add_command(info)
+main.add_command(steering)

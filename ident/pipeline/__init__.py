@@ -1,0 +1,1 @@
+"""From a command to its outputs: recipe -> stage -> stored artefacts -> report and recording."""
