@@ -105,9 +105,7 @@ def model_from(data: Mapping[str, Any], source: str) -> Model:
     size = len(model.parameters)
     if len(model.covariance) != size or any(len(row) != size for row in model.covariance):
         rows = [len(row) for row in model.covariance]
-        raise BadRecipe(
-            f"{source}: covariance has rows of {rows} values, need {size} of {size} (one a parameter)"
-        )
+        raise BadRecipe(f"{source}: covariance has rows of {rows} values, need {size} rows of {size}")
     _refuse_not_finite(asdict(model), source, "")
     return model
 

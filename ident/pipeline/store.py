@@ -127,7 +127,8 @@ def atomic(path: Path) -> Iterator[Path]:
         reason = error.strerror or error
         raise UsageError(f"cannot write {path}: {reason}: give another folder with --out") from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            temporary.unlink()
 
 
 def plain(value: Any, where: str = "") -> Any:
