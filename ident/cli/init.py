@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 import click
@@ -38,6 +39,5 @@ def init(logs: tuple[Path, ...], out: Path, quiet: bool) -> None:
     if not quiet:
         for path in written:
             click.echo(f"Wrote {printable(str(path))}")
-        click.echo(
-            "Check the guesses in them, then: ident info LOGS --channels channels.yaml --vehicle vehicle.yaml"
-        )
+        follow_up = ["ident", "info", *logs, "--channels", written[0], "--vehicle", written[1]]
+        click.echo(f"Check the guesses in them, then: {printable(shlex.join(map(str, follow_up)))}")
