@@ -1,0 +1,240 @@
+"""Tables of the steering page."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from ident.report.numbers import (
+    NONE,
+    angle,
+    count,
+    estimate_interval,
+    estimate_value,
+    p_value,
+    percent,
+    significant,
+    unit_text,
+)
+from ident.report.page import Cell, Column, Facts, Table, Tone
+from ident.report.pages import health
+from ident.report.steering_parameters import (
+    CLASSES,
+    EQUATIONS,
+    METHODS,
+    PARAMETERS,
+    SIGNALS_OF_PAIR,
+    STATUS,
+    of_model,
+)
+from ident.results import Estimate, Experiment, Noise, RunFit, Status, SteeringResult, StepFit
+
+TONES: dict[Status, Tone] = {"identified": "good", "weak": "caution", "not_identifiable": "bad"}
+AGREE_FROM = 0.05
+"""p-value from which the runs are said to agree."""
+
+
+def parameters(result: SteeringResult) -> Table:
+    """Give the identified parameters with their intervals: the answer itself."""
+    columns = [
+        Column(""),
+        Column("parameter"),
+        Column("value", "number"),
+        Column("95 % interval", "number"),
+        Column("unit"),
+        Column("status"),
+    ]
+    rows, notes = [], [runs_behind(result)]
+    for parameter in PARAMETERS:
+        estimate = of_model(result.model, parameter)
+        rows.append([Cell(parameter.symbol), Cell(parameter.name), *_estimate_cells(estimate)])
+        if estimate.reason:
+            notes.append(f"{parameter.symbol}: {estimate.reason}")
+    return Table(columns, rows, notes=notes, download="parameters.csv")
+
+
+def _estimate_cells(estimate: Estimate) -> list[Cell]:
+    badge = Cell(STATUS[estimate.status], tone=TONES[estimate.status], badge=True)
+    return [
+        Cell(estimate_value(estimate), raw=estimate.value),
+        Cell(estimate_interval(estimate)),
+        Cell(unit_text(estimate.unit)),
+        badge,
+    ]
+
+
+def runs_behind(result: SteeringResult) -> str:
+    """Say in one line which runs the parameters come from."""
+    used = sum("likelihood" in experiment.used_by for experiment in result.experiments)
+    experiments = f", {count(used, 'experiment')}" if used else ""
+    return (
+        f"One model for {count(len(result.by_run), 'run')}{experiments}, {count(result.samples, 'sample')}."
+    )
+
+
+def key_figures(result: SteeringResult) -> Facts:
+    """Give what tells at a glance how good the model is and what it was made from."""
+    request, measured = SIGNALS_OF_PAIR[result.pair]
+    agree = result.agreement_p
+    tone: Tone = "plain" if agree is None else "good" if agree >= AGREE_FROM else "caution"
+    says = None if agree is None else "not rejected at 5 %" if agree >= AGREE_FROM else "rejected at 5 %"
+    return Facts(
+        [
+            ("from → to", f"{request.replace('_', ' ')} → {measured.replace('_', ' ')}"),
+            ("response", Cell(CLASSES[result.classification], detail=result.classification_reason)),
+            ("variance accounted for", Cell(percent(result.vaf), raw=result.vaf)),
+            ("RMS error", angle(result.rms_error)),
+            ("measurement noise", Cell(angle(result.noise.total_std), detail=noise_text(result.noise))),
+            ("same model in all runs", Cell(f"p = {p_value(agree)}", tone=tone, detail=says)),
+            ("logs", health.brief(result.runs)),
+        ]
+    )
+
+
+def noise_text(noise: Noise) -> str:
+    """Describe the noise model in one line."""
+    if noise.kind == "ar":
+        kind = f"AR({len(noise.ar)}) from sample to sample" if noise.ar else "white"
+    else:
+        time = noise.correlation_time
+        kind = "continuous AR(1)" + (f", correlation time {significant(time)} s" if time else "")
+    if noise.quantisation:
+        kind += f"; angle in steps of {angle(noise.quantisation)}"
+    return kind
+
+
+def by_run(result: SteeringResult) -> Table:
+    """Give the fit to each run alone beside the common model on that run."""
+    shown = PARAMETERS[:5]
+    columns = [
+        Column("run", wrap=True),
+        Column("excitation"),
+        Column("samples", "number"),
+        Column("VAF", "number"),
+        Column("VAF, own fit", "number"),
+        Column("RMS error [mrad]", "number"),
+        *[Column(_head(parameter.symbol, parameter.field), "number") for parameter in shown],
+    ]
+    rows = [_run_row(fit, [parameter.field for parameter in shown]) for fit in result.by_run]
+    notes = ["VAF and RMS error: of the common model on that run", "parameters: fitted to that run alone"]
+    return Table(columns, rows, notes=notes, download="fits_by_run.csv", scroll=len(rows) > 15)
+
+
+def _head(symbol: str, field: str) -> str:
+    return symbol if field == "gain" else f"{symbol} [s]"
+
+
+def _run_row(fit: RunFit, fields: Sequence[str]) -> list[Cell]:
+    row = [
+        Cell(fit.run, detail=fit.reason),
+        Cell(", ".join(fit.excitation)),
+        Cell(str(fit.samples)),
+        Cell(percent(fit.vaf), raw=fit.vaf),
+        Cell(percent(fit.vaf_own), raw=fit.vaf_own),
+        Cell(significant(fit.rms_error * 1e3), raw=fit.rms_error),
+    ]
+    if fit.model is None:
+        return row + [Cell(NONE)] * len(fields)
+    return row + [_spread_cell(getattr(fit.model, field)) for field in fields]
+
+
+def _spread_cell(estimate: Estimate) -> Cell:
+    return Cell(
+        estimate_value(estimate),
+        raw=estimate.value,
+        detail=estimate_interval(estimate),
+        tone="plain" if estimate.status == "identified" else TONES[estimate.status],
+    )
+
+
+def step_methods(result: SteeringResult) -> Table:
+    """Give the step methods beside the maximum likelihood estimate."""
+    fields = ("gain", "dead_time", "time_constant_1", "time_constant_2")
+    symbols = [_head(parameter.symbol, parameter.field) for parameter in PARAMETERS[:4]]
+    columns = [
+        Column("method"),
+        Column("steps", "number"),
+        *[Column(symbol, "number") for symbol in symbols],
+        Column("RMS error of the steps [mrad]", "number"),
+    ]
+    best = [_spread_cell(getattr(result.model, field)) for field in fields]
+    rows = [[Cell(METHODS["likelihood"]), Cell(NONE), *best, Cell(NONE)]]
+    rows += [_method_row(fit, fields) for fit in result.step_methods]
+    notes = [
+        "step methods: median over the steps, ± standard deviation between steps",
+        "maximum likelihood: value and 95 % interval; this is the estimate that goes on",
+    ]
+    return Table(columns, rows, notes=notes, download="step_methods.csv")
+
+
+def _method_row(fit: StepFit, fields: Sequence[str]) -> list[Cell]:
+    name = f"{METHODS[fit.method]} {EQUATIONS[fit.method]}"
+    row = [Cell(name, detail=fit.reason), Cell(str(fit.steps))]
+    for field in fields:
+        value, spread = getattr(fit, field), fit.spread.get(field)
+        row.append(
+            Cell(
+                significant(value, 4),
+                raw=value,
+                detail=f"± {significant(spread, 2)}" if spread is not None else None,
+            )
+        )
+    error = fit.rms_error
+    row.append(Cell(NONE if error is None else significant(error * 1e3), raw=error))
+    return row
+
+
+def experiments(found: Sequence[Experiment]) -> Table:
+    """Give every experiment found, what uses it, and why it is left out elsewhere."""
+    columns = [
+        Column("run", wrap=True),
+        Column("kind"),
+        Column("start [s]", "number"),
+        Column("length [s]", "number"),
+        Column("amplitude [rad]", "number"),
+        Column("frequency [rad/s]", "number"),
+        Column("used by", wrap=True),
+        Column("left out", wrap=True),
+    ]
+    rows = [_experiment_row(experiment) for experiment in found]
+    return Table(columns, rows, download="experiments.csv", scroll=len(rows) > 14)
+
+
+def _experiment_row(experiment: Experiment) -> list[Cell]:
+    uncertain = experiment.start_uncertainty
+    left_out = [f"{METHODS.get(method, method)}: {reason}" for method, reason in experiment.rejected.items()]
+    used = ", ".join(METHODS.get(method, method).split(",")[0] for method in experiment.used_by)
+    return [
+        Cell(experiment.run),
+        Cell(experiment.kind),
+        Cell(
+            f"{experiment.start:.2f}",
+            raw=experiment.start,
+            detail=f"up to {significant(uncertain * 1e3, 2)} ms earlier" if uncertain else None,
+        ),
+        Cell(f"{experiment.end - experiment.start:.2f}", raw=experiment.end - experiment.start),
+        Cell(significant(experiment.amplitude), raw=experiment.amplitude),
+        Cell(significant(experiment.frequency), raw=experiment.frequency),
+        Cell(used) if used else Cell("nothing", tone="caution"),
+        Cell("; ".join(left_out) or NONE, tone="muted"),
+    ]
+
+
+def experiment_counts(found: Sequence[Experiment]) -> str:
+    """Count the experiments by kind, and those that each method uses."""
+    if not found:
+        return "No experiment was found in the request."
+    kinds = Counter(experiment.kind for experiment in found)
+    users = Counter(method for experiment in found for method in experiment.used_by)
+    unused = sum(not experiment.used_by for experiment in found)
+    text = "Found: " + ", ".join(count(number, kind) for kind, number in kinds.items()) + ". Used by "
+    text += (
+        "; ".join(f"{METHODS.get(method, method)}: {number}" for method, number in users.items()) or "none"
+    )
+    return f"{text}. Left out altogether: {unused}." if unused else f"{text}."
+
+
+def glossary() -> Table:
+    """Say what each parameter means."""
+    rows = [[Cell(item.symbol), Cell(item.name), Cell(item.meaning)] for item in PARAMETERS]
+    return Table([Column("symbol"), Column("name"), Column("meaning")], rows)
