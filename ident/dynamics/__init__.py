@@ -1,0 +1,1 @@
+"""Forward models: what a vehicle does, given its inputs and parameters."""

@@ -1,0 +1,1 @@
+"""Inverse methods: parameters, with their standard errors, from measured data."""

@@ -1,0 +1,175 @@
+"""Coloured measurement noise: its models, and the filter that turns each of them into white noise.
+
+Two shapes, both restarted at every interruption of the samples ("start"), because nothing is known of what
+lies in between:
+
+* AR(p) on the sample index, e_k = a_1 e_{k-1} + ... + a_p e_{k-p} + w_k, for evenly spaced samples;
+* the continuous-time AR(1), correlation exp(-|t| / tau), for stamps that jitter.
+
+Whitening is exact: the first samples after a start are weighted by their stationary covariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_discrete_lyapunov, solve_triangular
+from scipy.signal import lfilter
+
+Array = NDArray[np.float64]
+
+LARGEST_POLE = 0.999
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """One record of an output-error problem at the present parameters.
+
+    times : (n,) [s]
+    residual : (n,) measured minus modelled
+    shared : (n, s) derivative of the model to the parameters that all records share
+    local : (n, l) derivative to the parameters of this record alone
+    starts : (b,) indices at which the noise restarts, the first is 0
+    prior : (l,) standard deviation of the prior of each local parameter, infinite where there is none
+    prior_residual : (l,) prior mean minus present value
+    """
+
+    times: Array
+    residual: Array
+    shared: Array
+    local: Array
+    starts: NDArray[np.intp]
+    prior: Array
+    prior_residual: Array
+
+    def columns(self) -> Array:
+        """(n, l + s + 1) local, shared and residual side by side."""
+        return np.column_stack([self.local, self.shared, self.residual])
+
+    def blocks(self) -> list[tuple[int, int]]:
+        """(begin, end) of each uninterrupted stretch of samples."""
+        return list(zip(self.starts.tolist(), [*self.starts[1:].tolist(), len(self.residual)], strict=True))
+
+
+class NoiseShape(Protocol):
+    """The colour of the noise, without its size."""
+
+    def whiten(self, columns: Array, record: Linearised) -> Array:
+        """(n, m) columns, filtered so that the noise in their rows is white, of the innovations' size."""
+        ...
+
+    def total_over_innovations(self) -> float:
+        """Standard deviation of the noise over that of its innovations, at least one [-]."""
+        ...
+
+    def close_to(self, other: NoiseShape) -> bool:
+        """Whether the two differ by less than matters to a fit."""
+        ...
+
+
+@dataclass(frozen=True)
+class AutoRegression:
+    """AR(p) noise on the sample index; ``coefficients`` (p,) a_1 ... a_p, none for white noise."""
+
+    coefficients: Array
+
+    def whiten(self, columns: Array, record: Linearised) -> Array:
+        """See :class:`NoiseShape`."""
+        order = self.coefficients.size
+        if order == 0:
+            return columns
+        white = np.empty_like(columns)
+        taps = np.concatenate([[1.0], -self.coefficients])
+        # In the order of time the covariance is the same read backwards.
+        initial = np.linalg.cholesky(self.stationary_covariance()[::-1, ::-1])
+        for begin, end in record.blocks():
+            block = columns[begin:end]
+            white[begin:end] = lfilter(taps, [1.0], block, axis=0)
+            head = min(order, end - begin)
+            white[begin : begin + head] = solve_triangular(initial[:head, :head], block[:head], lower=True)
+        return white
+
+    def total_over_innovations(self) -> float:
+        """See :class:`NoiseShape`."""
+        return float(np.sqrt(self.stationary_covariance()[0, 0]))
+
+    def close_to(self, other: NoiseShape) -> bool:
+        """See :class:`NoiseShape`."""
+        if not isinstance(other, AutoRegression) or other.coefficients.size != self.coefficients.size:
+            return False
+        return bool(np.abs(other.coefficients - self.coefficients).max(initial=0.0) < 1e-3)
+
+    def stationary_covariance(self) -> Array:
+        """(max(p, 1),) squared covariance of successive samples, innovations of variance one."""
+        order = self.coefficients.size
+        if order == 0:
+            return np.ones((1, 1))
+        companion = np.eye(order, k=-1)
+        companion[0] = self.coefficients
+        push = np.zeros((order, order))
+        push[0, 0] = 1.0
+        return np.asarray(solve_discrete_lyapunov(companion, push))
+
+    def largest_pole(self) -> float:
+        """Radius of the outermost pole; the noise is stationary below one."""
+        if self.coefficients.size == 0:
+            return 0.0
+        return float(np.abs(np.roots(np.concatenate([[1.0], -self.coefficients]))).max())
+
+    def made_stationary(self) -> AutoRegression:
+        """The same with its poles drawn inside LARGEST_POLE where they are not."""
+        radius = self.largest_pole()
+        if radius < LARGEST_POLE:
+            return self
+        factor = (LARGEST_POLE - 1e-3) / radius
+        return AutoRegression(self.coefficients * factor ** np.arange(1, self.coefficients.size + 1))
+
+    def correlation_samples(self) -> float:
+        """Samples after which the slowest pole has decayed to 1/e; zero for white noise."""
+        radius = self.largest_pole()
+        return float(-1.0 / np.log(radius)) if radius > 0 else 0.0
+
+
+@dataclass(frozen=True)
+class ContinuousAr1:
+    """Noise with correlation exp(-|t| / tau); "innovations" are scaled to its own standard deviation.
+
+    correlation_time : tau [s]
+    """
+
+    correlation_time: float
+
+    def whiten(self, columns: Array, record: Linearised) -> Array:
+        """See :class:`NoiseShape`."""
+        correlation = np.exp(-np.diff(record.times) / self.correlation_time)
+        correlation[record.starts[1:] - 1] = 0.0
+        white = columns.copy()
+        white[1:] -= correlation[:, None] * columns[:-1]
+        white[1:] /= np.sqrt(1 - correlation**2)[:, None]
+        return white
+
+    def total_over_innovations(self) -> float:
+        """See :class:`NoiseShape`; one by the scaling of this class."""
+        return 1.0
+
+    def close_to(self, other: NoiseShape) -> bool:
+        """See :class:`NoiseShape`."""
+        if not isinstance(other, ContinuousAr1):
+            return False
+        return abs(other.correlation_time - self.correlation_time) < 1e-3 * self.correlation_time
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """A shape and ``std``, the standard deviation of the innovations in the unit of the residual."""
+
+    shape: NoiseShape
+    std: float
+
+    @property
+    def total_std(self) -> float:
+        """Standard deviation of the noise itself, in the unit of the residual."""
+        return self.std * self.shape.total_over_innovations()

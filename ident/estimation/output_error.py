@@ -1,0 +1,247 @@
+"""Output error by Gauss-Newton, with parameters that belong to one record eliminated record by record.
+
+Problem: y_i = f_i(theta, lambda_i) + AR noise, theta shared by all records, lambda_i (initial state, what was
+unknown before the record began, lost commands) local to one. Minimised is the whitened sum of squares,
+plus the Gaussian priors of local parameters where they have one. Each record's [local | shared | residual]
+is whitened and reduced by a QR factorisation, not by normal equations, which would square the condition
+number: T2 and the dead time are nearly collinear, and that is exactly where accuracy is wanted. The rows
+left over after the local columns carry all that the record knows of theta.
+
+The covariance is that of the Cramér-Rao bound at the estimate: sigma² (R' R)^-1 with R the triangle of the
+shared columns. It assumes that the model is right and the noise is AR(p); the noise model itself is
+identified by restricted likelihood, see ``noise_fit``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr, solve_triangular
+
+from ident.estimation.noise import AutoRegression, Linearised, NoiseModel, NoiseShape
+
+Array = NDArray[np.float64]
+
+MAX_ITERATIONS = 60
+NOISE_ROUNDS = 12
+CONVERGED = 1e-4  # step in standard deviations
+RANK_TOLERANCE = 1e-10
+
+IdentifyNoise = Callable[[Sequence[Linearised]], NoiseShape]
+
+
+class Problem(Protocol):
+    """What is fitted: records that can be linearised, and the region in which theta may lie."""
+
+    def linearise(self, shared: Array, local: Sequence[Array]) -> list[Linearised]:
+        """Residuals and exact derivatives at the present parameters."""
+        ...
+
+    def inside(self, shared: Array) -> Array:
+        """The nearest parameters that the model allows."""
+        ...
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The estimate of an output-error problem.
+
+    shared : (s,) estimate; covariance : (s, s) of it
+    local : one (l_i,) array a record
+    noise : the identified noise
+    residuals : one (n_i,) array a record, measured minus modelled
+    white_sum : whitened sum of squares, in the unit of the residual squared
+    freedom : rows less parameters
+    converged : whether the last step was below CONVERGED standard deviations
+    """
+
+    shared: Array
+    covariance: Array
+    local: list[Array]
+    noise: NoiseModel
+    residuals: list[Array]
+    white_sum: float
+    freedom: int
+    converged: bool
+
+
+@dataclass(frozen=True)
+class _Reduced:
+    """One record after its local columns are eliminated."""
+
+    rows: Array
+    local_triangle: Array
+    local_rest: Array
+    order: NDArray[np.intp]
+    scale: Array
+    rank: int
+    leftover: float
+
+
+def _reduce(record: Linearised, shape: NoiseShape, std: float) -> _Reduced:
+    """QR of the whitened record; ``rows`` are [shared | residual] free of local parameters."""
+    local = record.local.shape[1]
+    white = shape.whiten(record.columns(), record)
+    known = np.isfinite(record.prior)
+    if known.any():
+        prior = np.zeros((int(known.sum()), white.shape[1]))
+        weight = std / record.prior[known]
+        prior[np.arange(weight.size), np.flatnonzero(known)] = weight
+        prior[:, -1] = weight * record.prior_residual[known]
+        white = np.vstack([white, prior])
+    scale = np.linalg.norm(white[:, :local], axis=0)
+    scale[scale == 0] = 1.0
+    q, triangle, order = qr(white[:, :local] / scale, mode="economic", pivoting=True)
+    size = np.abs(np.diag(triangle))
+    rank = int((size > RANK_TOLERANCE * size.max(initial=0.0)).sum())
+    basis = q[:, :rank]
+    rest = white[:, local:]
+    on_local = basis.T @ rest
+    free = rest - basis @ on_local
+    rows = _triangle(free)
+    leftover = float(free[:, -1] @ free[:, -1])
+    return _Reduced(rows, triangle[:rank, :rank], on_local, order, scale, rank, leftover)
+
+
+def _triangle(rows: Array) -> Array:
+    """Upper triangle of the QR factorisation of the rows."""
+    return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
+
+
+def _local_step(reduced: _Reduced, shared_step: Array) -> Array:
+    """Change of the local parameters that goes with a change of the shared ones."""
+    target = reduced.local_rest[:, -1] - reduced.local_rest[:, :-1] @ shared_step
+    step = np.zeros(reduced.order.size)
+    if reduced.rank:
+        step[reduced.order[: reduced.rank]] = solve_triangular(reduced.local_triangle, target)
+    return np.asarray(step / reduced.scale)
+
+
+def _white_sum(records: Sequence[Linearised], shape: NoiseShape, std: float) -> float:
+    """Whitened sum of squares and of the prior terms."""
+    total = 0.0
+    for record in records:
+        white = shape.whiten(record.residual[:, None], record)[:, 0]
+        known = np.isfinite(record.prior)
+        prior = std / record.prior[known] * record.prior_residual[known]
+        total += float(white @ white) + float(prior @ prior)
+    return total
+
+
+def _freedom(records: Sequence[Linearised], reduced: Sequence[_Reduced], shared: int) -> int:
+    rows = sum(len(r.residual) + int(np.isfinite(r.prior).sum()) for r in records)
+    return max(1, rows - shared - sum(r.rank for r in reduced))
+
+
+@dataclass
+class _State:
+    shared: Array
+    local: list[Array]
+    records: list[Linearised]
+    shape: NoiseShape
+    std: float
+
+
+def _gauss_newton(problem: Problem, state: _State) -> tuple[_State, Array, list[_Reduced], bool]:
+    """Damped Gauss-Newton at a fixed noise model; the damping is Levenberg's, on the shared parameters."""
+    damping = 0.0
+    value = _white_sum(state.records, state.shape, state.std)
+    for _ in range(MAX_ITERATIONS):
+        reduced = [_reduce(r, state.shape, state.std) for r in state.records]
+        stacked = _triangle(np.vstack([r.rows for r in reduced]))
+        triangle, target = stacked[: state.shared.size, :-1], stacked[: state.shared.size, -1]
+        accepted = False
+        size = 0.0
+        for _ in range(12):
+            step = _damped_solution(triangle, target, damping)
+            shared = problem.inside(state.shared + step)
+            local = [
+                now + _local_step(r, shared - state.shared)
+                for now, r in zip(state.local, reduced, strict=True)
+            ]
+            records = problem.linearise(shared, local)
+            trial = _white_sum(records, state.shape, state.std)
+            size = float(np.linalg.norm(triangle @ (shared - state.shared))) / max(state.std, 1e-300)
+            if trial <= value * (1 + 1e-12):
+                accepted = True
+                break
+            damping = max(damping * 8, 1e-4)
+        if not accepted:
+            return state, triangle, reduced, size < CONVERGED
+        state = _State(shared, local, records, state.shape, state.std)
+        gained, value = value - trial, trial
+        damping = 0.0 if damping < 1e-6 else damping / 8
+        if size < CONVERGED and gained <= 1e-9 * value + 1e-300:
+            return state, triangle, reduced, True
+    return state, triangle, reduced, False
+
+
+def _damped_solution(triangle: Array, target: Array, damping: float) -> Array:
+    scale = np.linalg.norm(triangle, axis=0)
+    scale[scale == 0] = 1.0
+    if damping == 0.0:
+        solution, *_ = np.linalg.lstsq(triangle / scale, target, rcond=RANK_TOLERANCE)
+    else:
+        padded = np.vstack([triangle / scale, np.sqrt(damping) * np.eye(scale.size)])
+        solution, *_ = np.linalg.lstsq(padded, np.append(target, np.zeros(scale.size)), rcond=None)
+    return np.asarray(solution / scale)
+
+
+def fit_output_error(
+    problem: Problem, shared: Array, local: Sequence[Array], *, identify_noise: IdentifyNoise
+) -> Fit:
+    """Maximum likelihood of the shared and local parameters and of the noise.
+
+    Parameters
+    ----------
+    problem : what is fitted
+    shared : (s,) start
+    local : one (l_i,) start a record
+    identify_noise : gives the colour of the noise from the linearised problem, such as
+        :func:`~ident.estimation.noise_fit.fit_autoregression`
+
+    Returns
+    -------
+    Fit : with ``converged`` False where the iterations ended without meeting the tolerance
+    """
+    start = np.asarray(shared, dtype=np.float64)
+    white: NoiseShape = AutoRegression(np.zeros(0))
+    locals_now = [np.asarray(x, dtype=np.float64) for x in local]
+    state = _State(start, locals_now, problem.linearise(start, locals_now), white, 1.0)
+    state.std = _innovation_std(state, start.size)
+    converged = False
+    triangle = np.eye(start.size)
+    reduced: list[_Reduced] = []
+    for _ in range(NOISE_ROUNDS):
+        state, triangle, reduced, converged = _gauss_newton(problem, state)
+        renewed = identify_noise(state.records)
+        settled = renewed.close_to(state.shape)
+        state.shape = renewed
+        std = _innovation_std(state, start.size)
+        settled = settled and abs(std - state.std) < 1e-3 * std
+        state.std = std
+        if settled:
+            break
+    inverse = np.linalg.pinv(triangle, rcond=1e-14)
+    return Fit(
+        shared=state.shared,
+        covariance=state.std**2 * inverse @ inverse.T,
+        local=state.local,
+        noise=NoiseModel(state.shape, state.std),
+        residuals=[r.residual for r in state.records],
+        white_sum=_white_sum(state.records, state.shape, state.std),
+        freedom=_freedom(state.records, reduced, start.size),
+        converged=converged,
+    )
+
+
+def _innovation_std(state: _State, shared: int) -> float:
+    """Standard deviation of the innovations, freed of the parameters fitted."""
+    total = sum(float(np.square(state.shape.whiten(r.residual[:, None], r)).sum()) for r in state.records)
+    rows = sum(len(r.residual) for r in state.records)
+    local = sum(int((~np.isfinite(r.prior)).sum()) for r in state.records)
+    return float(np.sqrt(total / max(1, rows - local - shared)))
