@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .messages import Topic
-from .sensors import Stamps, arrivals, generator, measure, schedule, seconds
+from .sensors import Stamps, arrivals, errors, generator, quantise, schedule, seconds
 from .truth import Recording, Sensor
 
 Array = NDArray[np.float64]
@@ -40,6 +40,19 @@ class Losses:
 
 
 @dataclass(frozen=True)
+class Plan:
+    """When a sensor measures and what it will add to the true values, known before anything moves.
+
+    stamps, arrivals : (n,) [ns since the start of the recording]
+    errors : (n,) for each channel
+    """
+
+    stamps: Stamps
+    arrivals: Stamps
+    errors: dict[str, Array]
+
+
+@dataclass(frozen=True)
 class Recorder:
     """One recording.
 
@@ -53,17 +66,29 @@ class Recorder:
     duration: float
     losses: Losses = field(default_factory=Losses)
 
-    def sensed(self, topic: str, kind: str, sensor: Sensor, signals: Mapping[str, Signal]) -> Topic:
-        """Record a sensor: ``signals`` gives the true values of each channel at any times."""
+    def plan(self, topic: str, sensor: Sensor) -> Plan:
+        """What a sensor will do in this recording, whatever it measures: the same at every call."""
         random = generator(self.seed, self.name, topic)
         stamps = schedule(sensor, 0.0, self.duration, random)
-        time = seconds(stamps)
-        columns = [measure(sensor.channels[name], signal(time), random) for name, signal in signals.items()]
-        return self.logged(topic, kind, stamps, *columns)
+        added = {name: errors(channel, len(stamps), random) for name, channel in sensor.channels.items()}
+        return Plan(stamps, self.arrivals(topic, stamps), added)
+
+    def arrivals(self, topic: str, stamps: Stamps) -> Stamps:
+        """When the messages of a topic reach the log, and whoever listens [ns]."""
+        return arrivals(stamps, self.recording, generator(self.seed, self.name, topic, "latency"))
+
+    def sensed(self, topic: str, kind: str, sensor: Sensor, signals: Mapping[str, Signal]) -> Topic:
+        """Record a sensor: ``signals`` gives the true values of each channel at any times."""
+        plan = self.plan(topic, sensor)
+        time = seconds(plan.stamps)
+        columns = [
+            quantise(channel, signals[name](time) + plan.errors[name])
+            for name, channel in sensor.channels.items()
+        ]
+        return self.logged(topic, kind, plan.stamps, *columns)
 
     def logged(self, topic: str, kind: str, stamps: Stamps, *columns: NDArray[np.generic]) -> Topic:
         """Record messages that were sent: those that the log keeps, with the time each reached it."""
         kept = self.losses.kept(topic, stamps)
-        random = generator(self.seed, self.name, topic, "latency")
-        late = arrivals(stamps[kept], self.recording, random)
-        return Topic(topic, kind, stamps[kept], late, tuple(column[kept] for column in columns))
+        late = self.arrivals(topic, stamps)
+        return Topic(topic, kind, stamps[kept], late[kept], tuple(column[kept] for column in columns))

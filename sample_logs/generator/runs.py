@@ -9,22 +9,32 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .actuator import WheelState, held_response
+from .commands import Command
+from .driving import circle_request, drivers_wheel, slalom_request, varied_speed
 from .messages import Storage, Topic, write_run
-from .recorder import Recorder, Signal
-from .sensors import NANOSECONDS, Stamps
-from .steering import ANGLE, REQUEST, STEERING_TESTS, steering_signals
+from .motion import drive, motion_topics, velocity_topic
+from .path_following import TASKS, Task, follow
+from .recorder import Recorder
+from .sensors import NANOSECONDS, Stamps, generator, schedule, seconds
+from .steering import ANGLE, LEAD, REQUEST, STEERING_TESTS, steering_signals
 from .truth import Truth
+from .vehicle import STEP
 
 Array = NDArray[np.float64]
 Make = Callable[[Truth, int, str], list[Topic]]
 
-VELOCITY = "/vehicle/velocity"
+REFERENCE = "/control/reference"
+REFERENCE_SPEED = "/control/reference_speed"
+ENGAGED = "/control/engaged"
 DEFAULT_SEED = 1
 CRAWL = 5.0  # [m/s]
+WITHOUT_SPEED = "steering_sines_b"
 
 
 @dataclass(frozen=True)
@@ -72,29 +82,102 @@ def make_topics(name: str, truth: Truth, seed: int = DEFAULT_SEED) -> dict[str, 
 
 
 def steering_topics(truth: Truth, seed: int, name: str) -> list[Topic]:
-    """Record a steering test: request, angle and speed."""
+    """Record a steering test: request and angle, and the speed (standstill or crawl) unless left out."""
     test = STEERING_TESTS[name]
     signals = steering_signals(name, truth.steering, seed)
     recorder = Recorder(truth.recording, seed, name, test.duration, test.losses)
     speed = 0.0 if "pulses" in name else CRAWL
-    return [
+    topics = [
         recorder.logged(REQUEST, "request", _stamps(signals.request_time), signals.request),
         recorder.logged(ANGLE, "angle", _stamps(signals.angle_time), signals.angle),
-        velocity_topic(recorder, truth, lambda time: np.full_like(time, speed)),
     ]
-
-
-def velocity_topic(recorder: Recorder, truth: Truth, speed: Signal) -> Topic:
-    """Record the speed of the wheels: without a turning wheel there is no pulse and the speed is zero."""
-    topic = recorder.sensed(VELOCITY, "speed", truth.velocity, {"speed": speed})
-    turning = speed(topic.stamps / NANOSECONDS) > 0.0
-    return Topic(
-        topic.name, topic.kind, topic.stamps, topic.arrivals, (np.where(turning, topic.columns[0], 0.0),)
-    )
+    if name == WITHOUT_SPEED:
+        return topics
+    return [*topics, velocity_topic(recorder, truth, lambda time: np.full_like(time, speed))]
 
 
 def _stamps(time: Array) -> Stamps:
     return np.round(time * NANOSECONDS).astype(np.int64)
+
+
+def slow_run(command: Command, duration: float) -> Make:
+    """Prepare a slow manoeuvre of the truck on two tracks, whose actuator follows the request."""
+
+    def make(truth: Truth, seed: int, name: str) -> list[Topic]:
+        random = generator(seed, name)
+        recorder = Recorder(truth.recording, seed, name, duration)
+        stamps = schedule(truth.steering.request, -LEAD, duration, generator(seed, name, REQUEST))
+        sent_time = seconds(stamps)
+        sent = command(sent_time)
+        at_rest = WheelState(float(sent_time[0]), 0.0, 0.0, 0.0)
+
+        def wheel(time: Array) -> Array:
+            return held_response(truth.steering.actuator, sent_time, sent, time, at_rest)[0]
+
+        speed = varied_speed(CRAWL - 0.15, CRAWL + 0.15, duration, random)
+        motion = drive(truth.truck, wheel, speed, duration, _somewhere(random))
+        return [
+            recorder.logged(REQUEST, "request", stamps, sent),
+            recorder.sensed(ANGLE, "angle", truth.steering.angle, {"angle": wheel}),
+            *motion_topics(recorder, truth, truth.truck, motion),
+        ]
+
+    return make
+
+
+def driver_run(
+    vehicle: Literal["truck", "planar"], peak: float, duration: float, *, silent: bool = False
+) -> Make:
+    """Prepare a run with a driver at the wheel.
+
+    vehicle : which of the simulated trucks
+    peak : largest lateral acceleration in the driver's mind [m/s²]
+    silent : whether the request topic exists, without a message
+    """
+
+    def make(truth: Truth, seed: int, name: str) -> list[Topic]:
+        random = generator(seed, name)
+        recorder = Recorder(truth.recording, seed, name, duration)
+        speed = varied_speed(10.2, 14.8, duration, random)
+        wheel = drivers_wheel(truth.planar, peak, speed, duration, random)
+        truck = getattr(truth, vehicle)
+        motion = drive(truck, wheel, speed, duration, _somewhere(random))
+        nothing = recorder.logged(REQUEST, "request", np.empty(0, np.int64), np.empty(0))
+        return [
+            *([nothing] if silent else []),
+            recorder.sensed(ANGLE, "angle", truth.steering.angle, {"angle": wheel}),
+            *motion_topics(recorder, truth, truck, motion),
+        ]
+
+    return make
+
+
+def path_run(task: Task) -> Make:
+    """Prepare a run of the truck on two tracks along a path, engaged part of the time."""
+
+    def make(truth: Truth, seed: int, name: str) -> list[Topic]:
+        recorder = Recorder(truth.recording, seed, name, task.duration)
+        done = follow(task, truth, recorder, _somewhere(generator(seed, name)))
+        half_steps = STEP / 2.0 * np.arange(len(done.wheel))
+
+        def wheel(time: Array) -> Array:
+            return np.interp(time, half_steps, done.wheel)
+
+        return [
+            recorder.logged(REQUEST, "request", done.stamps, done.request),
+            recorder.logged(REFERENCE, "reference", done.stamps, *done.reference.T),
+            recorder.logged(REFERENCE_SPEED, "speed", done.stamps, done.speed),
+            recorder.logged(ENGAGED, "engaged", done.stamps, done.engaged),
+            recorder.sensed(ANGLE, "angle", truth.steering.angle, {"angle": wheel}),
+            *motion_topics(recorder, truth, truth.truck, done.motion),
+        ]
+
+    return make
+
+
+def _somewhere(random: np.random.Generator) -> Array:
+    """Position [m] and heading [rad] at the start, on a map whose origin lies elsewhere."""
+    return np.array([*random.uniform(-400.0, 400.0, 2), random.uniform(-np.pi, np.pi)])
 
 
 RUNS: dict[str, SampleRun] = {
@@ -102,4 +185,14 @@ RUNS: dict[str, SampleRun] = {
     "steering_pulses_b": SampleRun("sqlite3", 1_760_000_731_920_447_083, steering_topics),
     "steering_sines_a": SampleRun("mcap", 1_760_001_196_053_771_902, steering_topics),
     "steering_sines_b": SampleRun("sqlite3", 1_760_001_840_518_236_377, steering_topics),
+    "slow_slalom": SampleRun("mcap", 1_760_003_015_774_902_618, slow_run(slalom_request, 55.0)),
+    "slow_circle": SampleRun("mcap", 1_760_003_388_129_550_034, slow_run(circle_request, 80.0)),
+    "manual_a": SampleRun("mcap", 1_760_004_902_661_038_295, driver_run("truck", 4.6, 60.0)),
+    "manual_b": SampleRun("mcap", 1_760_005_277_408_615_733, driver_run("truck", 4.9, 60.0, silent=True)),
+    "manual_c": SampleRun("mcap", 1_760_005_690_093_284_166, driver_run("truck", 4.7, 60.0)),
+    "path_a": SampleRun("mcap", 1_760_006_318_470_902_366, path_run(TASKS["path_a"])),
+    "path_b": SampleRun("mcap", 1_760_006_702_945_331_890, path_run(TASKS["path_b"])),
+    "planar/planar_a": SampleRun("mcap", 1_760_007_204_835_197_452, driver_run("planar", 4.4, 60.0)),
+    "planar/planar_b": SampleRun("mcap", 1_760_007_551_250_742_809, driver_run("planar", 4.7, 60.0)),
+    "planar/planar_c": SampleRun("mcap", 1_760_007_896_517_463_021, driver_run("planar", 4.4, 60.0)),
 }

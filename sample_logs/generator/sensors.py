@@ -54,11 +54,18 @@ def arrivals(stamps: Stamps, recording: Recording, random: np.random.Generator) 
 
 def measure(channel: Channel, true: Array, random: np.random.Generator) -> Array:
     """What a sensor says of the true values: bias, white and coloured noise, then quantisation."""
-    value = true + channel.bias + channel.white_std * random.standard_normal(len(true))
-    value = value + coloured_noise(channel, len(true), random)
-    if channel.resolution:
-        return np.round(value / channel.resolution) * channel.resolution
-    return value
+    return quantise(channel, true + errors(channel, len(true), random))
+
+
+def errors(channel: Channel, count: int, random: np.random.Generator) -> Array:
+    """What a sensor adds to the true values before it quantises."""
+    white = channel.white_std * random.standard_normal(count)
+    return channel.bias + white + coloured_noise(channel, count, random)
+
+
+def quantise(channel: Channel, value: Array) -> Array:
+    """Round to the resolution of the sensor."""
+    return np.round(value / channel.resolution) * channel.resolution if channel.resolution else value
 
 
 def coloured_noise(channel: Channel, count: int, random: np.random.Generator) -> Array:

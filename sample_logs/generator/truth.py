@@ -92,21 +92,105 @@ class Steering:
 
 
 @dataclass(frozen=True)
+class Body:
+    """Mass [kg], yaw inertia [kg m²] and dimensions [m] of a truck with two axles."""
+
+    mass: float
+    yaw_inertia: float
+    cg_to_front_axle: float
+    cg_to_rear_axle: float
+    track: float
+    cg_height: float
+
+
+@dataclass(frozen=True)
+class AxleTyre:
+    """F = D sin(C atan(B α - E (B α - atan(B α)))) of a whole axle, α its slip angle [rad].
+
+    stiffness : B [1/rad]
+    shape : C [-]
+    peak : D [N]
+    curvature : E [-]
+    """
+
+    stiffness: float
+    shape: float
+    peak: float
+    curvature: float
+
+
+@dataclass(frozen=True)
+class WheelTyre:
+    """The same formula for one wheel, with D and B C D that depend on its load Fz [N].
+
+    stiffness_max, load_at_max : B C D = stiffness_max sin(2 atan(Fz / load_at_max)) [N/rad], [N]
+    friction, friction_slope, nominal_load : D = friction (1 - slope (Fz - nominal)/nominal) Fz [-], [-], [N]
+    shape, curvature : C, E [-]
+    """
+
+    stiffness_max: float
+    load_at_max: float
+    friction: float
+    friction_slope: float
+    nominal_load: float
+    shape: float
+    curvature: float
+
+
+@dataclass(frozen=True)
+class Planar:
+    """The truck as a bicycle: no height, no track, an imposed speed.
+
+    steering_ratio : steering-wheel angle per road-wheel angle [-]
+    imu_position : from the centre of gravity: forward, left, up [m]
+    """
+
+    steering_ratio: float
+    imu_position: tuple[float, float, float]
+    body: Body
+    front: AxleTyre
+    rear: AxleTyre
+
+
+@dataclass(frozen=True)
+class TwoTrack:
+    """The truck on four wheels, with quasi-static load transfer and a controlled speed.
+
+    front_roll_share : share of the lateral load transfer that the front axle takes [-]
+    speed_gain : acceleration per speed error [1/s]
+    """
+
+    steering_ratio: float
+    imu_position: tuple[float, float, float]
+    body: Body
+    front_roll_share: float
+    speed_gain: float
+    front: WheelTyre
+    rear: WheelTyre
+
+
+@dataclass(frozen=True)
 class Truth:
     """Everything that the generator is given."""
 
     steering: Steering
     velocity: Sensor
+    imu: Sensor
+    odometry: Sensor
     recording: Recording
+    truck: TwoTrack
+    planar: Planar
 
 
 def load_truth(folder: Path = DEFAULT_FOLDER) -> Truth:
     """Read the truth from the YAML files of a folder."""
-    sensors = _read(folder / "sensors.yaml")
+    sensors = {name: _sensor(values) for name, values in _read(folder / "sensors.yaml").items()}
     return Truth(
         steering=_steering(_read(folder / "steering.yaml")),
-        velocity=_sensor(sensors["velocity"]),
         recording=Recording(**_read(folder / "recording.yaml")),
+        truck=_truck(_read(folder / "truck.yaml")),
+        planar=_planar(_read(folder / "planar.yaml")),
+        **sensors,
     )
 
 
@@ -129,3 +213,17 @@ def _sensor(values: dict[str, Any]) -> Sensor:
 
 def _channel(errors: dict[str, Any]) -> Channel:
     return Channel(**{**errors, "noise_ar": tuple(errors.get("noise_ar", ()))})
+
+
+def _truck(values: dict[str, Any]) -> TwoTrack:
+    tyres = {axle: WheelTyre(**values[axle]) for axle in ("front", "rear")}
+    return TwoTrack(**{**values, **tyres, **_body_and_imu(values)})
+
+
+def _planar(values: dict[str, Any]) -> Planar:
+    tyres = {axle: AxleTyre(**values[axle]) for axle in ("front", "rear")}
+    return Planar(**{**values, **tyres, **_body_and_imu(values)})
+
+
+def _body_and_imu(values: dict[str, Any]) -> dict[str, Any]:
+    return {"body": Body(**values["body"]), "imu_position": tuple(values["imu_position"])}
