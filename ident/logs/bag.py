@@ -1,0 +1,215 @@
+"""A log made of one or more storage files, and what rosbag2's metadata.yaml says about them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from ident.errors import BadRecipe, UnusableLog
+from ident.logs.compression import ZSTD_MAGIC, decompress_message
+from ident.logs.decode import Decoder
+from ident.logs.record import Channel, Columns, FieldError, Storage, Stored, Times, Topic
+from ident.results import Damage
+from ident.yaml_file import nearest, read_yaml
+
+LARGEST_METADATA = 20 << 20
+
+
+class StoredLog:
+    """The messages of a run, from all its files in order (see ``ident.logs.record.Log``)."""
+
+    def __init__(self, path: Path, log_format: str, storages: Sequence[Storage]) -> None:
+        self.path = path
+        self.format = log_format
+        self.damage: list[Damage] = [damage for storage in storages for damage in storage.damage]
+        self.files = [file for storage in storages for file in storage.files]
+        self._storages = storages
+        self._parts: dict[str, list[tuple[Storage, Channel]]] = {}
+        for storage in storages:
+            for channel in storage.channels:
+                self._parts.setdefault(channel.topic, []).append((storage, channel))
+        self._note_two_types()
+        self.topics = [self._topic(name) for name in sorted(self._parts)]
+        self._decoder = lru_cache(maxsize=None)(self._make_decoder)
+
+    def times(self, topic: str) -> Times:
+        """Log times of all messages of a topic [ns], in the order of the files."""
+        parts = [storage.times(channel) for storage, channel in self._parts_of(topic)]
+        return np.concatenate([np.empty(0, np.int64), *parts])
+
+    def fields(self, topic: str) -> dict[str, str]:
+        """Return the paths of all numbers in a message of this topic, with their types."""
+        return self._decoder(topic).fields()
+
+    def expand(self, topic: str, name: str) -> list[str]:
+        """Return the numbers that a field stands for; ``FieldError`` where it does not exist."""
+        return self._decoder(topic).expand(name)
+
+    def columns(self, topic: str, fields: Sequence[str]) -> Columns:
+        """Decode the topic once and return these fields; ``FieldError`` where one does not exist."""
+        decoder = self._decoder(topic)
+        columns = decoder.columns(self._stored(topic), fields)
+        damage = [replace(item, what=f"{topic}: {item.what}") for item in columns.damage]
+        return replace(columns, damage=damage)
+
+    def close(self) -> None:
+        """Remove what was unpacked for reading."""
+        for storage in self._storages:
+            storage.close()
+
+    def _parts_of(self, topic: str) -> list[tuple[Storage, Channel]]:
+        if topic not in self._parts:
+            raise FieldError(f"no topic {topic!r}, {nearest(topic, self._parts)}")
+        return self._parts[topic]
+
+    def _stored(self, topic: str) -> Stored:
+        parts = [storage.messages(channel) for storage, channel in self._parts_of(topic)]
+        times = np.concatenate([np.empty(0, np.int64), *(part.times for part in parts)])
+        return Stored(times, [_unpacked(data) for part in parts for data in part.data])
+
+    def _make_decoder(self, topic: str) -> Decoder:
+        channels = [channel for _, channel in self._parts_of(topic)]
+        defined = next((channel for channel in channels if channel.definition), channels[0])
+        return Decoder(defined)
+
+    def _topic(self, name: str) -> Topic:
+        parts = self._parts[name]
+        return Topic(name, parts[0][1].type, sum(len(storage.times(channel)) for storage, channel in parts))
+
+    def _note_two_types(self) -> None:
+        """Of a topic that was recorded with two types, keep the first."""
+        for topic, parts in self._parts.items():
+            kind = parts[0][1].type
+            others = [(storage, channel) for storage, channel in parts if channel.type != kind]
+            lost = sum(len(storage.times(channel)) for storage, channel in others)
+            if lost:
+                text = f"{topic}: recorded as {kind} and as {others[0][1].type}, only the first is read"
+                self.damage.append(Damage(text, lost))
+            self._parts[topic] = [part for part in parts if part not in others]
+
+
+def _unpacked(data: bytes | None) -> bytes | None:
+    """Unpack a message that the recorder compressed on its own; CDR never begins like that."""
+    return decompress_message(data) if data is not None and data[:4] == ZSTD_MAGIC else data
+
+
+# --- rosbag2 --------------------------------------------------------------------------------------
+
+
+def open_rosbag2(folder: Path, open_storage: Callable[[Path], Storage]) -> StoredLog:
+    """Open a rosbag2 folder; metadata.yaml is believed only as far as the files bear it out.
+
+    Raises
+    ------
+    UnusableLog
+        If no storage file can be read.
+    """
+    metadata, problems = _read_metadata(folder / "metadata.yaml")
+    storages: list[Storage] = []
+    for path in _storage_files(folder, metadata, problems):
+        try:
+            storages.append(open_storage(path))
+        except (UnusableLog, OSError) as error:
+            problems.append(Damage(str(error), bytes_lost=_size(path)))
+    if not storages:
+        reason = problems[-1].what if problems else "it holds no .mcap or .db3 file"
+        raise UnusableLog(f"{folder}: nothing can be read: {reason}")
+    kinds = dict.fromkeys(_kind(storage) for storage in storages)
+    log = StoredLog(folder, f"rosbag2 {' and '.join(kinds)}", storages)
+    log.damage = problems + log.damage + _compare_counts(log, metadata)
+    return log
+
+
+def _kind(storage: Storage) -> str:
+    return "sqlite3" if type(storage).__name__.startswith("Sqlite") else "mcap"
+
+
+def _size(path: Path) -> int | None:
+    return path.stat().st_size if path.exists() else None
+
+
+def _read_metadata(path: Path) -> tuple[dict[str, object], list[Damage]]:
+    try:
+        if path.stat().st_size > LARGEST_METADATA:
+            return {}, [Damage(f"metadata.yaml: {path.stat().st_size} bytes is no metadata, not read")]
+        found = read_yaml(path).get("rosbag2_bagfile_information")
+    except FileNotFoundError:
+        return {}, [Damage("metadata.yaml is missing, the files themselves were read")]
+    except (BadRecipe, RecursionError) as error:
+        reason = str(error).removeprefix(f"{path}: ")
+        return {}, [Damage(f"metadata.yaml: {reason}; the files themselves were read")]
+    if not isinstance(found, dict):
+        return {}, [Damage("metadata.yaml is not rosbag2's; the files themselves were read")]
+    return found, []
+
+
+def _storage_files(folder: Path, metadata: dict[str, object], problems: list[Damage]) -> list[Path]:
+    """List the files that metadata.yaml names and that exist; else those that lie in the folder."""
+    listed = metadata.get("relative_file_paths")
+    names = [Path(str(name)).name for name in listed] if isinstance(listed, list) else []
+    present = storage_files(folder)
+    found = []
+    for name in names:
+        # A name may stand without the suffix of its compression, or with it after unpacking.
+        near = [path for path in present if path.name in {name, name + ".zstd", name.removesuffix(".zstd")}]
+        found += near[:1]
+        if not near:
+            problems.append(Damage(f"{name} is listed in metadata.yaml and missing"))
+    forgotten = [path for path in present if path not in found and _belongs(path, found)]
+    if forgotten and metadata:
+        text = ", ".join(path.name for path in forgotten)
+        problems.append(Damage(f"{text}: not listed in metadata.yaml, read all the same"))
+    return sorted({*found, *forgotten}, key=in_sequence)
+
+
+def _belongs(path: Path, found: list[Path]) -> bool:
+    """Whether a file continues those found: the same name but for its number."""
+    return not found or stem_and_number(path)[0] in {stem_and_number(other)[0] for other in found}
+
+
+def storage_files(folder: Path) -> list[Path]:
+    """List the files of a folder that are named like storage files, in the order of their numbers."""
+    ends = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
+    found = [path for path in folder.iterdir() if path.name.endswith(ends) and not path.name.startswith(".")]
+    return sorted((path for path in found if path.is_file()), key=in_sequence)
+
+
+def stem_and_number(path: Path) -> tuple[str, int | None]:
+    """Split ``name_12.mcap`` into its name and its number, None where it carries none."""
+    stem = re.sub(r"\.(mcap|db3|bag|db)(\.zstd)?$", "", path.name)
+    match = re.fullmatch(r"(.+)_(\d{1,9})", stem)
+    return (match[1], int(match[2])) if match else (stem, None)
+
+
+def in_sequence(path: Path) -> tuple[str, int, str]:
+    """Sort key: name_2 before name_10."""
+    stem, number = stem_and_number(path)
+    return stem, -1 if number is None else number, path.name
+
+
+def _compare_counts(log: StoredLog, metadata: dict[str, object]) -> list[Damage]:
+    """Say where the files hold fewer messages than the recorder counted."""
+    read = {topic.name: topic.messages for topic in log.topics}
+    damage = []
+    for name, counted in _counted(metadata).items():
+        if counted > read.get(name, 0):
+            text = f"{name}: metadata.yaml counts {counted} messages, {read.get(name, 0)} can be read"
+            damage.append(Damage(text, counted - read.get(name, 0)))
+    return damage
+
+
+def _counted(metadata: dict[str, object]) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    topics = metadata.get("topics_with_message_count")
+    for topic in topics if isinstance(topics, list) else []:
+        about = topic.get("topic_metadata") if isinstance(topic, dict) else None
+        count = topic.get("message_count") if isinstance(topic, dict) else None
+        if isinstance(about, dict) and isinstance(count, int):
+            name = str(about.get("name"))
+            counts[name] = counts.get(name, 0) + count
+    return counts

@@ -1,0 +1,110 @@
+"""PATH -> LOG: what a file is, is decided by its first bytes, then by its name."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import weakref
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from ident.errors import UnusableLog
+from ident.logs import sqlite
+from ident.logs.bag import StoredLog, in_sequence, open_rosbag2, storage_files
+from ident.logs.compression import ZSTD_MAGIC, decompress_file
+from ident.logs.mcap import McapStorage
+from ident.logs.mcap_records import MAGIC as MCAP_MAGIC
+from ident.logs.record import Log, Storage
+from ident.logs.sqlite import SqliteStorage
+from ident.results import Damage
+
+READERS: dict[bytes, Callable[[Path], Storage]] = {MCAP_MAGIC: McapStorage, sqlite.MAGIC: SqliteStorage}
+NOT_READ_YET = {b"#ROSBAG V": "ROS 1 bag", b"PAR1": "Parquet file", b"MDF ": "MDF file"}
+NAMES_NOT_READ_YET = {".csv": "CSV file", ".bag": "ROS 1 bag", ".mf4": "MDF file", ".dat": "DDS recording"}
+
+
+def open_log(path: Path, files: Sequence[Path] = ()) -> Log:
+    """Open a rosbag2 folder, a single file, or the consecutive ``files`` of one recorder.
+
+    Raises
+    ------
+    UnusableLog
+        If nothing in it can be read; the message says why.
+    """
+    try:
+        if path.is_dir():
+            return open_rosbag2(path, open_storage)
+        if len(files) > 1:
+            return _open_sequence(path, files)
+        storage = open_storage(path)
+        return StoredLog(path, _format(path, storage), [storage])
+    except OSError as error:
+        raise UnusableLog(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def open_storage(path: Path) -> Storage:
+    """Open one file of messages.
+
+    Raises
+    ------
+    UnusableLog
+        If it is empty, not a log, or of a format that is not read.
+    """
+    head = first_bytes(path)
+    if not head:
+        raise UnusableLog(f"{path}: is empty (0 bytes)")
+    for magic, reader in READERS.items():
+        if head.startswith(magic):
+            return reader(path)
+    if head.startswith(ZSTD_MAGIC):
+        return _open_compressed(path)
+    what = next((name for magic, name in NOT_READ_YET.items() if head.startswith(magic)), None)
+    what = what or NAMES_NOT_READ_YET.get(path.suffix.lower())
+    if what:
+        raise UnusableLog(f"{path}: {what}: not read yet, convert it to MCAP or rosbag2")
+    raise UnusableLog(f"{path}: is no log (first bytes {head[:8].hex(' ')}), need MCAP or rosbag2")
+
+
+def first_bytes(path: Path) -> bytes:
+    """Read as many bytes as tell the format."""
+    with path.open("rb") as file:
+        return file.read(16)
+
+
+def _format(path: Path, storage: Storage) -> str:
+    return "rosbag2 sqlite3" if isinstance(storage, SqliteStorage) or ".db3" in path.name else "mcap"
+
+
+def _open_sequence(path: Path, files: Sequence[Path]) -> Log:
+    storages: list[Storage] = []
+    damage: list[Damage] = []
+    for file in sorted(files, key=in_sequence):
+        try:
+            storages.append(open_storage(file))
+        except UnusableLog as error:
+            damage.append(Damage(str(error), bytes_lost=file.stat().st_size))
+    if not storages:
+        raise UnusableLog(damage[0].what)
+    log = StoredLog(path, _format(path, storages[0]), storages)
+    log.damage = damage + log.damage
+    return log
+
+
+def _open_compressed(path: Path) -> Storage:
+    """Unpack a file that the recorder compressed as a whole, and read what comes out."""
+    folder = Path(tempfile.mkdtemp(prefix="ident-"))
+    try:
+        unpacked = folder / path.name.removesuffix(".zstd")
+        stopped = decompress_file(path, unpacked)
+        storage = open_storage(unpacked)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    weakref.finalize(storage, shutil.rmtree, folder, ignore_errors=True)
+    storage.files = [path]
+    if stopped:
+        storage.damage.insert(0, Damage(f"{path.name}: its compression is damaged ({stopped})"))
+    return storage
+
+
+__all__ = ["first_bytes", "open_log", "open_storage", "storage_files"]

@@ -1,0 +1,127 @@
+"""What a log gives: topics, damage, and columns of numbers.
+
+Times are integers in nanoseconds; values are float64, whatever the message held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.results import Damage
+
+Times = NDArray[np.int64]
+Values = NDArray[np.float64]
+
+
+class FieldError(ValueError):
+    """A field does not exist in a topic, is not a number, or the topic cannot be decoded."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a log and how many messages of it can be read."""
+
+    name: str
+    type: str
+    messages: int
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Numbers of one topic, one entry a message, in the order of the file.
+
+    log_time : (n,) when the recorder received the message [ns]
+    header_stamp : (n,) when the sender stamped it [ns], None where the type holds no stamp
+    values : field -> (n,) values; what a message does not hold (a short sequence) is NaN
+    damage : messages that could not be decoded; they are left out of all columns
+    """
+
+    log_time: Times
+    header_stamp: Times | None
+    values: Mapping[str, Values]
+    damage: Sequence[Damage] = ()
+
+
+@dataclass
+class Channel:
+    """One stream of messages inside a storage file.
+
+    definition : text of the message definition, empty where the file holds none
+    definition_format : "ros2msg", "ros2idl", ..., empty where the file holds none
+    encoding : of the messages, "cdr" for ROS 2
+    """
+
+    topic: str
+    type: str
+    encoding: str = "cdr"
+    definition: str = ""
+    definition_format: str = ""
+
+
+@dataclass
+class Stored:
+    """Raw messages of one topic in one file: ``times`` (n,) [ns] and ``data``, None where it is lost."""
+
+    times: Times
+    data: list[bytes | None] = field(default_factory=list)
+
+
+class Storage(Protocol):
+    """One file of messages; opening it has found its channels and its damage."""
+
+    files: list[Path]
+    channels: list[Channel]
+    damage: list[Damage]
+
+    def times(self, channel: Channel) -> Times:
+        """Log times of a channel [ns], in the order of the file."""
+        ...
+
+    def messages(self, channel: Channel) -> Stored:
+        """Read the messages of a channel, in the order of the file."""
+        ...
+
+    def close(self) -> None:
+        """Remove what was unpacked for reading."""
+        ...
+
+
+class Log(Protocol):
+    """A run's log, whatever its format.
+
+    path : the folder or (first) file; files : every file that was read
+    format : "mcap", "rosbag2 mcap", "rosbag2 sqlite3", ...
+    damage : what is missing in the files, one entry a defect
+    """
+
+    path: Path
+    format: str
+    files: list[Path]
+    topics: list[Topic]
+    damage: list[Damage]
+
+    def times(self, topic: str) -> Times:
+        """Log times of all messages of a topic [ns], in the order of the files."""
+        ...
+
+    def fields(self, topic: str) -> dict[str, str]:
+        """Return the paths of all numbers in a message of this topic, with their types."""
+        ...
+
+    def expand(self, topic: str, name: str) -> list[str]:
+        """Return the numbers that a field stands for; ``FieldError`` where it does not exist."""
+        ...
+
+    def columns(self, topic: str, fields: Sequence[str]) -> Columns:
+        """Decode the topic once and return these fields; ``FieldError`` where one does not exist."""
+        ...
+
+    def close(self) -> None:
+        """Remove what was unpacked for reading."""
+        ...

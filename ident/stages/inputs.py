@@ -1,0 +1,119 @@
+"""What every stage needs first: the runs under LOGS, and where they came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+
+import ident
+from ident.errors import BadRecipe
+from ident.glossary import SIGNALS
+from ident.results import Provenance
+from ident.signals.run import LoadedLogs, Run, load_runs
+from ident.stages.output import Context
+from ident.units import parse_quantity
+from ident.yaml_file import nearest
+
+
+def quantity(unit: str, *, positive: bool = False) -> BeforeValidator:
+    """Return a pydantic validator that reads a quantity such as "0.2 s" into ``unit``."""
+
+    def read(value: Any) -> float:
+        try:
+            number = parse_quantity(value, unit=unit, quantity="value")
+        except BadRecipe as error:
+            raise ValueError(str(error).removeprefix("value: ")) from error
+        if positive and number <= 0:
+            raise ValueError(f"{value!r} is not positive")
+        return number
+
+    return BeforeValidator(read)
+
+
+def _known_signals(latency: Mapping[str, float]) -> Mapping[str, float]:
+    for name in latency:
+        if name not in SIGNALS:
+            raise ValueError(f"unknown signal {name!r}: {nearest(name, SIGNALS)}")
+    return latency
+
+
+class AlignSettings(BaseModel):
+    """How signals are brought to one time base.
+
+    rate : of the common time base [1/s]
+    max_gap : a gap longer than this stays a gap and divides a run [s]
+    latency : signal -> how late it is [s]; only what is said here is corrected
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    rate: Annotated[float, quantity("Hz", positive=True)] = 100.0
+    max_gap: Annotated[float, quantity("s", positive=True)] = 0.2
+    latency: Annotated[dict[str, Annotated[float, quantity("s")]], AfterValidator(_known_signals)] = Field(
+        default_factory=dict
+    )
+
+
+class InputSettings(BaseModel):
+    """Which files apply to the logs, and how the logs are read.
+
+    channels : "auto" (the nearest channels.yaml, else the built-in maps), a file, or several of which the
+        best fitting is used for each run
+    vehicle : vehicle file; None: the nearest vehicle.yaml
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    channels: Literal["auto"] | Path | list[Path] = "auto"
+    vehicle: Path | None = None
+    align: AlignSettings = Field(default_factory=AlignSettings)
+    seed: int = 0
+
+
+def load(logs: Sequence[Path], settings: InputSettings, context: Context) -> LoadedLogs:
+    """Read all runs, with the latencies that the settings state taken out.
+
+    Raises
+    ------
+    UnusableLog
+        If there is no log, or none of them can be read.
+    BadRecipe
+        If a channel map or vehicle file is wrong.
+    """
+    loaded = load_runs(
+        logs, channels=_files(settings.channels), vehicle=settings.vehicle, progress=context.progress
+    )
+    return replace(loaded, runs=[_without_latency(run, settings.align.latency) for run in loaded.runs])
+
+
+def _files(channels: str | Path | list[Path]) -> list[Path] | None:
+    if isinstance(channels, list):
+        return channels
+    return None if channels == "auto" else [Path(channels)]
+
+
+def _without_latency(run: Run, latency: Mapping[str, float]) -> Run:
+    """Move the signals that are said to be late to when they were true."""
+    late = {name: delay for name, delay in latency.items() if name in run.signals and delay != 0}
+    moved = {name: replace(run.signals[name], time=run.signals[name].time - late[name]) for name in late}
+    notes = [f"{name}: moved {delay:g} s earlier, as align.latency says" for name, delay in late.items()]
+    health = replace(run.health, clocks=[*run.health.clocks, *notes])
+    return replace(run, signals={**run.signals, **moved}, health=health)
+
+
+def provenance(context: Context, loaded: LoadedLogs) -> Provenance:
+    """Say what a result was made from."""
+    return Provenance(
+        version=ident.__version__,
+        command=context.command,
+        seed=context.seed,
+        date=context.date,
+        files=loaded.files,
+        applied={
+            run.name: f"channels: {run.health.channels}; vehicle: {run.health.vehicle}" for run in loaded.runs
+        },
+    )
