@@ -81,7 +81,8 @@ def _first_problem(kind: type[Any], error: ValidationError) -> str:
     # An unknown key explains the missing one beside it, so it is told first.
     found = error.errors(include_url=False)
     first = next((item for item in found if _is_unknown(item["type"])), found[0])
-    where = ".".join(str(part) for part in first["loc"])
+    # pydantic puts the branch of a union that it tried, such as literal['auto'], into the place.
+    where = ".".join(str(part) for part in first["loc"] if not str(part).endswith("]"))
     if _is_unknown(first["type"]):
         *above, key = first["loc"]
         return f"unknown key '{where}': {nearest(str(key), _fields_at(kind, above))}"

@@ -12,7 +12,6 @@ import click
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bars
-    from rich.progress import TaskID
 
     from ident.pipeline.options import Progress
 
@@ -32,12 +31,12 @@ def one_line(text: str) -> str:
 
 @contextmanager
 def progress_shown(quiet: bool) -> Iterator[Progress]:
-    """Show progress on standard error: bars on a terminal, plain lines elsewhere, nothing if ``quiet``."""
+    """Show progress on standard error: a bar on a terminal, plain lines elsewhere, nothing if ``quiet``."""
     if quiet:
         yield lambda *_: None
     elif sys.stderr.isatty():
         with _bars() as bars:
-            yield _Bars(bars)
+            yield _Bar(bars)
     else:
         yield _Lines()
 
@@ -54,17 +53,15 @@ def _is_harmless(character: str) -> bool:
     return character == "\n" or character.isprintable() or unicodedata.category(character) == "Zs"
 
 
-class _Bars:
-    """One bar for each thing that is done."""
+class _Bar:
+    """One bar, which names what is being done."""
 
     def __init__(self, bars: Bars) -> None:
         self._bars = bars
-        self._tasks: dict[str, TaskID] = {}
+        self._task = bars.add_task("", total=None)
 
     def __call__(self, what: str, done: int, total: int) -> None:
-        if what not in self._tasks:
-            self._tasks[what] = self._bars.add_task(one_line(what), total=total)
-        self._bars.update(self._tasks[what], completed=done, total=total)
+        self._bars.update(self._task, description=one_line(what), completed=done, total=total)
 
 
 class _Lines:
@@ -73,7 +70,7 @@ class _Lines:
     def __init__(self) -> None:
         self._begun: set[str] = set()
 
-    def __call__(self, what: str, *_: int) -> None:
-        if what not in self._begun:
+    def __call__(self, what: str, done: int, total: int) -> None:
+        if done < total and what not in self._begun:
             self._begun.add(what)
             click.echo(one_line(what), err=True)

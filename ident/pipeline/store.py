@@ -13,7 +13,7 @@ import math
 import os
 import re
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -79,7 +79,7 @@ class Store:
             with atomic(self.folder / "signals" / f"{name}.parquet") as path:
                 table.to_parquet(path, index=False)
 
-    def read_tables(self, names: list[str]) -> dict[str, pd.DataFrame]:
+    def read_tables(self, names: Sequence[str]) -> dict[str, pd.DataFrame]:
         """Read those of the named tables that exist."""
         import pandas as pd
 
@@ -150,7 +150,7 @@ def plain(value: Any, where: str = "") -> Any:
     return value
 
 
-def output_folder(out: Path | None, logs: list[Path]) -> Path:
+def output_folder(out: Path | None, logs: Sequence[Path]) -> Path:
     """Choose the folder of the outputs and check it, before any work.
 
     Raises
@@ -169,14 +169,14 @@ def output_folder(out: Path | None, logs: list[Path]) -> Path:
     return folder
 
 
-def name_of(logs: list[Path]) -> str:
+def name_of(logs: Sequence[Path]) -> str:
     """Name the outputs after the logs: "sample_logs", or "run_1_and_2_more"."""
     path = logs[0].resolve()
     name = (path.name if path.is_dir() else path.stem) or "logs"
     return name if len(logs) == 1 else f"{name}_and_{len(logs) - 1}_more"
 
 
-def _refuse_folder_of_logs(folder: Path, logs: list[Path]) -> None:
+def _refuse_folder_of_logs(folder: Path, logs: Sequence[Path]) -> None:
     resolved = folder.resolve()
     beside = {path.resolve() if path.is_dir() else path.resolve().parent for path in logs}
     if resolved in beside or _holds_log(resolved):
