@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.report.condense import Line
-from ident.report.numbers import shorten
+from ident.report.numbers import plain, shorten
 from ident.report.palette import LIGHT
 
 Array = NDArray[np.float64]
@@ -26,6 +26,8 @@ WIDTH = 1180.0
 """Width at which the gaps between panels are right [px]; figures stretch with the window."""
 
 
+LEGEND = 22
+"""Height of the line that holds the figure's title and its legend [px]."""
 RIGHT = 12
 """Margin at the right [px]."""
 
@@ -80,8 +82,7 @@ EMPTY = Panel("", (), x="", y="")
 
 def label(text: str, length: int = 60) -> str:
     """Make text from a log safe to be a label: escaped, on one line, cut in its middle when too long."""
-    printable = "".join(character if character.isprintable() else " " for character in text)
-    return html.escape(shorten(printable, length), quote=False).replace("%{", "% {")
+    return html.escape(shorten(plain(text), length), quote=False).replace("%{", "% {")
 
 
 def line(
@@ -201,7 +202,7 @@ def grid(panels: Sequence[Panel], arrangement: Layout) -> tuple[dict[str, Any], 
     spec, height : of plotly.js; height of the whole figure [px]
     """
     rows = -(-len(panels) // arrangement.columns)
-    height = rows * arrangement.row_height + (26 if arrangement.legend else 0) + 8
+    height = rows * arrangement.row_height + (LEGEND if arrangement.legend else 8)
     layout = _base_layout(arrangement, height)
     boxes = _boxes(panels, arrangement, height - layout["margin"]["t"])
     traces: list[Trace] = []
@@ -228,7 +229,7 @@ def grid(panels: Sequence[Panel], arrangement: Layout) -> tuple[dict[str, Any], 
 def _base_layout(arrangement: Layout, height: int) -> dict[str, Any]:
     return {
         "height": height,
-        "margin": {"l": arrangement.left, "r": RIGHT, "t": 34 if arrangement.legend else 8, "b": 0},
+        "margin": {"l": arrangement.left, "r": RIGHT, "t": LEGEND if arrangement.legend else 8, "b": 0},
         "font": {"family": FONT, "size": 12, "color": LIGHT["text"]},
         "paper_bgcolor": LIGHT["surface"],
         "plot_bgcolor": LIGHT["surface"],
@@ -237,7 +238,7 @@ def _base_layout(arrangement: Layout, height: int) -> dict[str, Any]:
         "showlegend": arrangement.legend,
         "legend": {
             "orientation": "h",
-            "x": 0,
+            "x": 0.32,
             "xanchor": "left",
             "y": 1,
             "yanchor": "top",

@@ -48,7 +48,7 @@ def write_report(out: Path, pages: Sequence[Page], shown: str | None = None) -> 
     path = out / "index.html"
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        draft.write_text(render(pages, shown), encoding="utf-8", newline="\n")
+        draft.write_bytes(render(pages, shown).encode(errors="replace"))
         draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)
@@ -116,7 +116,7 @@ def table_csv(table: Table) -> str:
 
 def csv_address(table: Table) -> str:
     """Give a data address that holds the table as CSV."""
-    data = base64.b64encode(table_csv(table).encode()).decode()
+    data = base64.b64encode(table_csv(table).encode(errors="replace")).decode()
     return f"data:text/csv;charset=utf-8;base64,{data}"
 
 

@@ -51,6 +51,12 @@ METHODS = {
     "modified_harriott": "modified Harriott",
 }
 
+SHORT_METHODS = {
+    "likelihood": "likelihood",
+    "first_order_63": "63.2 %",
+    "modified_harriott": "Harriott",
+}
+
 EQUATIONS = {"first_order_63": "(2.15–2.16)", "modified_harriott": "(2.20–2.23)"}
 
 SIGNALS_OF_PAIR = {

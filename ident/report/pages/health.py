@@ -25,7 +25,7 @@ def brief(runs: Sequence[RunHealth]) -> Cell:
     parts = [f"{count(gaps, 'gap')} ({count(lost, 'message')} lost)" if gaps else "no gaps"]
     parts.append(f"{count(damaged, 'run')} damaged" if damaged else "no damage")
     tone: Tone = "bad" if damaged else "caution" if gaps else "good"
-    return Cell(", ".join(parts), tone=tone, detail="in the topics used; see log health")
+    return Cell(", ".join(parts), tone=tone)
 
 
 def used_topics(run: RunHealth) -> list[TopicHealth]:
@@ -89,7 +89,7 @@ def run_details(run: RunHealth, *, unfolded: bool = False) -> Details:
     """Give everything known of one run, behind one line."""
     blocks: list[Block] = [signals_table(run)]
     if run.missing:
-        blocks.append(Lines([("Not in this run:", ", ".join(run.missing))]))
+        blocks.append(Lines([("Not in this run:", ", ".join(run.missing).replace("_", " "))]))
     blocks.append(topics_table(run))
     figure = gap_figure(run)
     if figure:

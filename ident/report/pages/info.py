@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from ident.report.numbers import count, duration
-from ident.report.page import Block, Cell, Facts, Lines, Page, Section, Text, Verdict
+from collections.abc import Sequence
+
+from ident.glossary import SIGNALS
+from ident.report.numbers import NONE, count, duration, listed, shorten, unit_text
+from ident.report.page import Block, Cell, Column, Facts, Lines, Page, Section, Table, Text, Verdict
 from ident.report.pages import health
-from ident.results import InfoResult
+from ident.results import InfoResult, RunHealth
 
 MOST_OPEN = 3
 """With more runs than this, the details of all but the first are folded."""
@@ -21,9 +24,9 @@ def info_page(result: InfoResult) -> Page:
         name="info",
         title="Logs",
         verdict=_verdict(result),
-        lead=[_facts(result), health.runs_table(result.runs)],
+        lead=[Facts([("recording", health.brief(result.runs))]), signals_found(result.runs)],
         sections=[
-            Section("runs", "Run by run", details, "Runs"),
+            Section("runs", "Run by run", [health.runs_table(result.runs), *details], "Runs"),
             Section("unreadable", "Unreadable and warned", _problems(result), "Problems"),
             Section("provenance", "Provenance", health.provenance_blocks(result.provenance)),
         ],
@@ -43,16 +46,37 @@ def _verdict(result: InfoResult) -> Verdict:
     return Verdict("read", f"{text}.", "good")
 
 
-def _facts(result: InfoResult) -> Facts:
-    mapped = sorted({name for run in result.runs for name in run.signals})
-    everywhere = [name for name in mapped if all(name in run.signals for run in result.runs)]
-    partly = [name for name in mapped if name not in everywhere]
-    items: list[tuple[str, Cell | str]] = [
-        ("signals in every run", ", ".join(everywhere).replace("_", " ") or "none"),
-        ("signals in some runs", ", ".join(partly).replace("_", " ") or "none"),
-        ("recording", health.brief(result.runs)),
+def signals_found(runs: Sequence[RunHealth]) -> Table:
+    """Say which signal is in how many runs, where it comes from, and where it is missing."""
+    names = dict.fromkeys(
+        [name for run in runs for name in run.signals] + [name for run in runs for name in run.missing]
+    )
+    columns = [
+        Column("signal"),
+        Column("unit"),
+        Column("runs", "number"),
+        Column("from", code=True, wrap=True),
+        Column("missing in", wrap=True),
     ]
-    return Facts(items)
+    return Table(
+        columns, [_signal_row(name, runs) for name in names], download="signals.csv", scroll=len(names) > 12
+    )
+
+
+def _signal_row(name: str, runs: Sequence[RunHealth]) -> list[Cell]:
+    sources = dict.fromkeys(run.signals[name].source for run in runs if name in run.signals)
+    without = [run.name for run in runs if name not in run.signals]
+    found = len(runs) - len(without)
+    unit = SIGNALS[name].unit if name in SIGNALS else NONE
+    return [
+        Cell(name.replace("_", " ")),
+        Cell(unit_text(unit)),
+        Cell(f"{found} of {len(runs)}", raw=found, tone="plain" if found else "muted"),
+        Cell(listed(list(sources), 3) or NONE),
+        Cell(
+            "every run" if not found else listed([shorten(run, 30) for run in without]) or NONE, tone="muted"
+        ),
+    ]
 
 
 def _problems(result: InfoResult) -> list[Block]:

@@ -35,7 +35,7 @@ SORTS = {
 
 EQUATION = Equation(
     mathml=(
-        '<math display="inline"><mrow><mi>G</mi><mo>(</mo><mi>s</mi><mo>)</mo><mo>=</mo>'
+        '<math display="inline" displaystyle="true"><mrow><mi>G</mi><mo>(</mo><mi>s</mi><mo>)</mo><mo>=</mo>'
         "<mfrac><mrow><mi>K</mi><msup><mi>e</mi><mrow><mo>−</mo><mi>L</mi><mi>s</mi></mrow></msup></mrow>"
         "<mrow><mo>(</mo><msub><mi>T</mi><mn>1</mn></msub><mi>s</mi><mo>+</mo><mn>1</mn><mo>)</mo>"
         "<mo>(</mo><msub><mi>T</mi><mn>2</mn></msub><mi>s</mi><mo>+</mo><mn>1</mn><mo>)</mo></mrow></mfrac>"
@@ -92,15 +92,8 @@ def _verdict(result: SteeringResult) -> Verdict:
 
 
 def _lead(result: SteeringResult, figure: Figure | None) -> list[Block]:
-    first: list[Block] = [
-        Columns(
-            [
-                [tables_of.parameters(result)],
-                [tables_of.key_figures(result), Code(result.provenance.command)],
-            ],
-            1.15,
-        )
-    ]
+    answer: list[Block] = [tables_of.parameters(result), Code(result.provenance.command)]
+    first: list[Block] = [Columns([answer, [tables_of.key_figures(result)]], wide=1.1)]
     return first + (
         _blocks(figure) or [Text("No response could be drawn: no experiment was found.", "muted")]
     )

@@ -65,7 +65,7 @@ def _responses(groups: Sequence[responses.Group], title: str, *, height: int, le
     padding = [figures.EMPTY] * (columns - len(groups))
     angles = [angle_panel(group) for group in groups]
     below = [residual_panel(group) for group in groups]
-    layout = figures.Layout(columns=columns, row_height=height // 2, share_x=True, row_shares=(2.4, 1.0))
+    layout = figures.Layout(columns=columns, row_height=height // 2, share_x=True, row_shares=(2.1, 1.0))
     spec, drawn_height = figures.grid([*angles, *padding, *below], layout)
     return Figure(spec, drawn_height, title, _caption(groups, left))
 
@@ -90,7 +90,7 @@ def residual_panel(group: responses.Group) -> figures.Panel:
     lines = [Line(item.residual.time, item.residual.value * 1e3) for item in group.responses]
     trace = figures.line(_joined(lines), "residual", "residual", unit="mrad", width=1.0)
     x = TIME_OF_STEP if group.kind in STEP_KINDS else TIME_OF_SINE if group.kind == "sine" else TIME_OF_RUN
-    return figures.Panel("", [trace], x=x, y="[mrad]", ticks=4)
+    return figures.Panel("", [trace], x=x, y="residual [mrad]", ticks=4)
 
 
 def _joined(lines: Sequence[Line]) -> Line:
@@ -114,7 +114,7 @@ def _caption(groups: Sequence[responses.Group], left: int) -> str:
     if hidden:
         parts.append(f"{count(hidden, 'response')} more of these sizes not drawn.")
     if left:
-        parts.append(f"{count(left, 'other amplitude or frequency', 'others')} under Responses.")
+        parts.append(f"{left} more under Responses.")
     return " ".join(parts)
 
 
@@ -270,8 +270,8 @@ def whole_run(signals: responses.Signals, runs: int) -> Figure:
     ]
     below = [figures.line(drawn[3], "residual", "residual", unit="mrad", width=1.1)]
     panels = [
-        figures.Panel("", angles, x="", y="angle [rad]", x_ticks=False),
-        figures.Panel("", below, x=TIME_OF_RUN, y="residual [mrad]"),
+        figures.Panel("", angles, x="", y="angle [rad]", x_ticks=False, ticks=14),
+        figures.Panel("", below, x=TIME_OF_RUN, y="residual [mrad]", ticks=14),
     ]
     layout = figures.Layout(columns=1, row_height=210, share_x=True, row_shares=(1.6, 1.0))
     spec, height = figures.grid(panels, layout)

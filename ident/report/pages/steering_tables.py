@@ -9,8 +9,10 @@ from ident.report.numbers import (
     NONE,
     angle,
     count,
+    decimals_of,
     estimate_interval,
     estimate_value,
+    fixed,
     p_value,
     percent,
     significant,
@@ -23,6 +25,7 @@ from ident.report.steering_parameters import (
     EQUATIONS,
     METHODS,
     PARAMETERS,
+    SHORT_METHODS,
     SIGNALS_OF_PAIR,
     STATUS,
     of_model,
@@ -75,9 +78,6 @@ def runs_behind(result: SteeringResult) -> str:
 def key_figures(result: SteeringResult) -> Facts:
     """Give what tells at a glance how good the model is and what it was made from."""
     request, measured = SIGNALS_OF_PAIR[result.pair]
-    agree = result.agreement_p
-    tone: Tone = "plain" if agree is None else "good" if agree >= AGREE_FROM else "caution"
-    says = None if agree is None else "not rejected at 5 %" if agree >= AGREE_FROM else "rejected at 5 %"
     return Facts(
         [
             ("from → to", f"{request.replace('_', ' ')} → {measured.replace('_', ' ')}"),
@@ -85,10 +85,18 @@ def key_figures(result: SteeringResult) -> Facts:
             ("variance accounted for", Cell(percent(result.vaf), raw=result.vaf)),
             ("RMS error", angle(result.rms_error)),
             ("measurement noise", Cell(angle(result.noise.total_std), detail=noise_text(result.noise))),
-            ("same model in all runs", Cell(f"p = {p_value(agree)}", tone=tone, detail=says)),
+            ("one model for all runs", _agreement(result.agreement_p)),
             ("logs", health.brief(result.runs)),
         ]
     )
+
+
+def _agreement(p: float | None) -> Cell:
+    if p is None:
+        return Cell("not tested: it takes two runs with a fit of their own", tone="muted")
+    if p < AGREE_FROM:
+        return Cell(f"rejected at 5 % (p = {p_value(p)})", raw=p, tone="caution")
+    return Cell(f"not rejected at 5 % (p = {p_value(p)})", raw=p, tone="good")
 
 
 def noise_text(noise: Noise) -> str:
@@ -99,7 +107,7 @@ def noise_text(noise: Noise) -> str:
         time = noise.correlation_time
         kind = "continuous AR(1)" + (f", correlation time {significant(time)} s" if time else "")
     if noise.quantisation:
-        kind += f"; angle in steps of {angle(noise.quantisation)}"
+        kind += f"; quantised to {significant(noise.quantisation * 1e3)} mrad"
     return kind
 
 
@@ -172,16 +180,18 @@ def _method_row(fit: StepFit, fields: Sequence[str]) -> list[Cell]:
     row = [Cell(name, detail=fit.reason), Cell(str(fit.steps))]
     for field in fields:
         value, spread = getattr(fit, field), fit.spread.get(field)
-        row.append(
-            Cell(
-                significant(value, 4),
-                raw=value,
-                detail=f"± {significant(spread, 2)}" if spread is not None else None,
-            )
-        )
+        row.append(_median_cell(value, spread))
     error = fit.rms_error
     row.append(Cell(NONE if error is None else significant(error * 1e3), raw=error))
     return row
+
+
+def _median_cell(value: float | None, spread: float | None) -> Cell:
+    """Give a median to the place that the spread between steps supports."""
+    places = decimals_of(spread)
+    if value is None or spread is None or places is None:
+        return Cell(significant(value, 4), raw=value)
+    return Cell(fixed(value, places), raw=value, detail=f"± {fixed(spread, places)}")
 
 
 def experiments(found: Sequence[Experiment]) -> Table:
@@ -202,8 +212,10 @@ def experiments(found: Sequence[Experiment]) -> Table:
 
 def _experiment_row(experiment: Experiment) -> list[Cell]:
     uncertain = experiment.start_uncertainty
-    left_out = [f"{METHODS.get(method, method)}: {reason}" for method, reason in experiment.rejected.items()]
-    used = ", ".join(METHODS.get(method, method).split(",")[0] for method in experiment.used_by)
+    left_out = [
+        f"{SHORT_METHODS.get(method, method)}: {reason}" for method, reason in experiment.rejected.items()
+    ]
+    used = ", ".join(SHORT_METHODS.get(method, method) for method in experiment.used_by)
     return [
         Cell(experiment.run),
         Cell(experiment.kind),
@@ -229,7 +241,8 @@ def experiment_counts(found: Sequence[Experiment]) -> str:
     unused = sum(not experiment.used_by for experiment in found)
     text = "Found: " + ", ".join(count(number, kind) for kind, number in kinds.items()) + ". Used by "
     text += (
-        "; ".join(f"{METHODS.get(method, method)}: {number}" for method, number in users.items()) or "none"
+        "; ".join(f"{SHORT_METHODS.get(method, method)}: {number}" for method, number in users.items())
+        or "none"
     )
     return f"{text}. Left out altogether: {unused}." if unused else f"{text}."
 

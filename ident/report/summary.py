@@ -1,0 +1,93 @@
+"""The answer of a stage in plain text, for the terminal."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from ident.report.numbers import (
+    NONE,
+    angle,
+    count,
+    estimate_interval,
+    estimate_value,
+    p_value,
+    percent,
+    plain,
+    unit_text,
+)
+from ident.report.steering_parameters import CLASSES, PARAMETERS, SHORT_METHODS, STATUS, of_model
+from ident.results import Experiment, SteeringModel, SteeringResult
+
+MOST_LINES = 8
+"""Refusals and warnings beyond these are counted."""
+
+
+def describe_steering(result: SteeringResult) -> str:
+    """Say what was identified, how well, from what, and what to do next.
+
+    Returns
+    -------
+    text : of a few lines, without control characters; the last line does not end with a line break
+    """
+    lines = ["adequate" if result.adequate else "NOT adequate", f"  {plain(result.verdict)}", ""]
+    lines += parameter_lines(result.model)
+    lines += ["", *_fit_lines(result), *experiment_lines(result.experiments)]
+    lines += _limited("refused", [f"{refusal.what}: {refusal.reason}" for refusal in result.refused])
+    lines += _limited("warning", result.warnings)
+    if result.next_step:
+        lines += ["", f"next: {plain(result.next_step)}"]
+    return "\n".join(lines)
+
+
+def parameter_lines(model: SteeringModel) -> list[str]:
+    """Give one line a parameter, in columns: symbol, name, value, 95 % interval, unit, status."""
+    rows = [("", "", "value", "95 % interval", "unit", "")]
+    reasons = []
+    for parameter in PARAMETERS:
+        estimate = of_model(model, parameter)
+        status = "" if estimate.status == "identified" else STATUS[estimate.status]
+        interval, unit = estimate_interval(estimate), unit_text(estimate.unit)
+        rows.append((parameter.symbol, parameter.name, estimate_value(estimate), interval, unit, status))
+        if estimate.reason:
+            reasons.append(f"  {parameter.symbol}: {plain(estimate.reason)}")
+    widths = [max(len(row[column]) for row in rows) for column in range(6)]
+    lines = []
+    for row in rows:
+        cells = [
+            cell.rjust(width) if column in {2, 3} else cell.ljust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        lines.append(("  " + "  ".join(cells)).rstrip())
+    return lines + reasons
+
+
+def _fit_lines(result: SteeringResult) -> list[str]:
+    agree = NONE if result.agreement_p is None else f"p = {p_value(result.agreement_p)}"
+    response = f"response: {CLASSES[result.classification]} ({plain(result.classification_reason)})"
+    fit = f"fit: {percent(result.vaf)} of the variance, RMS error {angle(result.rms_error)}"
+    noise = f"noise {angle(result.noise.total_std)}"
+    runs = (
+        f"runs: {len(result.by_run)}, {count(result.samples, 'sample')}; same model in all of them: {agree}"
+    )
+    return [response, f"{fit}, {noise}", runs]
+
+
+def experiment_lines(experiments: Sequence[Experiment]) -> list[str]:
+    """Count the experiments found, used by each method, and left out by all with the commonest reasons."""
+    if not experiments:
+        return ["experiments: none found in the request"]
+    kinds = Counter(experiment.kind for experiment in experiments)
+    users = Counter(method for experiment in experiments for method in experiment.used_by)
+    unused = [experiment for experiment in experiments if not experiment.used_by]
+    found = ", ".join(count(number, kind) for kind, number in kinds.most_common())
+    used = ", ".join(f"{SHORT_METHODS.get(method, method)} {number}" for method, number in users.items())
+    lines = [f"experiments: {found}; used by {used or 'nothing'}; left out by all {len(unused)}"]
+    reasons = Counter(plain(reason) for experiment in unused for reason in set(experiment.rejected.values()))
+    return lines + [f"  left out {number}×: {reason}" for reason, number in reasons.most_common(3)]
+
+
+def _limited(what: str, texts: Sequence[str]) -> list[str]:
+    lines = [f"{what}: {plain(text)}" for text in texts[:MOST_LINES]]
+    left = len(texts) - len(lines)
+    return [*lines, f"{what}: and {left} more, in the report"] if left else lines
