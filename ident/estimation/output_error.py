@@ -15,7 +15,7 @@ identified by restricted likelihood, see ``noise_fit``.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -30,6 +30,8 @@ MAX_ITERATIONS = 60
 NOISE_ROUNDS = 12
 CONVERGED = 1e-4  # step in standard deviations
 RANK_TOLERANCE = 1e-10
+
+WHITE = AutoRegression(np.zeros(0))
 
 IdentifyNoise = Callable[[Sequence[Linearised]], NoiseShape]
 
@@ -191,6 +193,26 @@ def _damped_solution(triangle: Array, target: Array, damping: float) -> Array:
     return np.asarray(solution / scale)
 
 
+def linear_score(records: Sequence[Linearised], columns: Sequence[int]) -> tuple[float, Array]:
+    """Least squares of some shared parameters and of all local ones, white noise assumed.
+
+    Parameters
+    ----------
+    records : linearised where the parameters in question enter linearly
+    columns : (c,) which shared parameters
+
+    Returns
+    -------
+    sum of squares that is left, (c,) change of the parameters
+    """
+    kept = [replace(record, shared=record.shared[:, list(columns)]) for record in records]
+    reduced = [_reduce(record, WHITE, 1.0) for record in kept]
+    rows = np.vstack([r.rows for r in reduced])
+    solution = _damped_solution(rows[:, :-1], rows[:, -1], 0.0)
+    left = rows[:, -1] - rows[:, :-1] @ solution
+    return float(left @ left), solution
+
+
 def fit_output_error(
     problem: Problem, shared: Array, local: Sequence[Array], *, identify_noise: IdentifyNoise
 ) -> Fit:
@@ -209,9 +231,8 @@ def fit_output_error(
     Fit : with ``converged`` False where the iterations ended without meeting the tolerance
     """
     start = np.asarray(shared, dtype=np.float64)
-    white: NoiseShape = AutoRegression(np.zeros(0))
     locals_now = [np.asarray(x, dtype=np.float64) for x in local]
-    state = _State(start, locals_now, problem.linearise(start, locals_now), white, 1.0)
+    state = _State(start, locals_now, problem.linearise(start, locals_now), WHITE, 1.0)
     state.std = _innovation_std(state, start.size)
     converged = False
     triangle = np.eye(start.size)

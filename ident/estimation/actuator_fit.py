@@ -1,0 +1,293 @@
+"""Fit of the steering actuator (2.25): a start from the data, the likelihood, what it says of K, L, T1, T2.
+
+The start needs no guess: for given dead time and lags the model is linear in everything else, so a coarse
+grid of (L, T1 + T2, damping) is scored by linear least squares on thinned samples, and the best few corners
+of it are refined.
+
+T1 and T2 follow from a1 = T1 + T2 and rho = T1 T2 / a1² by T1,2 = a1 (1 +- sqrt(1 - 4 rho)) / 2, which is
+strongly curved near critical damping. Their intervals are therefore the percentiles of that function over
+the (normal) distribution of (a1, rho), not its linearisation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, t
+
+from ident.errors import NotIdentifiable
+from ident.estimation.actuator_likelihood import (
+    BIAS,
+    DEAD_TIME,
+    GAIN,
+    RATIO,
+    SHORTEST_LAG_SHARE,
+    SUM,
+    ActuatorProblem,
+    ActuatorRecord,
+)
+from ident.estimation.noise import AutoRegression, Linearised
+from ident.estimation.noise_fit import fit_autoregression, fit_continuous_ar1
+from ident.estimation.output_error import WHITE, Fit, fit_output_error, linear_score
+from ident.results import Classification, Estimate, Status, SteeringModel
+
+Array = NDArray[np.float64]
+
+THINNED_SAMPLES = 3000
+DEAD_TIMES = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7)
+SUMS = tuple(np.geomspace(0.02, 3.0, 10).tolist())
+RATIOS = (0.02, 0.2, 0.8)
+CORNERS = 3
+JITTER_LIMIT = 0.2  # of the period, beyond which noise is modelled in continuous time
+DRAWS = 20_000
+LEVEL = 0.95
+WEAK_RELATIVE_ERROR = 0.2
+LARGEST_RELATIVE_ERROR = 0.5
+
+
+@dataclass(frozen=True)
+class ActuatorFit:
+    """The likelihood fit of one or more runs.
+
+    fit : the estimate with its covariance; its parameters are (K, L, a1, rho, biases)
+    records : what it was fitted to
+    vaf : variance accounted for over all records [-]
+    rms : root mean square of the residual [rad]
+    """
+
+    fit: Fit
+    records: list[ActuatorRecord]
+    vaf: float
+    rms: float
+
+    @property
+    def samples(self) -> int:
+        """Measured samples used."""
+        return sum(record.times.size for record in self.records)
+
+
+def thinned(records: Sequence[ActuatorRecord], samples: int = THINNED_SAMPLES) -> list[ActuatorRecord]:
+    """Return the same records with about ``samples`` of their measured samples in all."""
+    total = sum(record.times.size for record in records)
+    step = max(1, total // samples)
+    return [
+        replace(r, times=r.times[::step], measured=r.measured[::step], starts=np.zeros(1, dtype=np.intp))
+        for r in records
+    ]
+
+
+def search_start(records: Sequence[ActuatorRecord]) -> Array:
+    """Parameters (K, L, a1, rho, biases) near the best fit, from the data alone.
+
+    Raises
+    ------
+    NotIdentifiable
+        If the output follows the request in no grid point.
+    """
+    problem = ActuatorProblem(thinned(records))
+    scored = []
+    for dead_time, total, ratio in product(DEAD_TIMES, SUMS, RATIOS):
+        shared = np.zeros(BIAS + problem.runs)
+        shared[:BIAS] = 1.0, dead_time, total, ratio
+        local = [np.zeros(4 + record.lost.size) for record in problem.records]
+        linear = [GAIN, *range(BIAS, shared.size)]
+        score, solution = linear_score(problem.linearise(shared, local), linear)
+        shared[linear] = solution
+        shared[GAIN] += 1.0
+        scored.append((score, shared))
+    scored.sort(key=lambda pair: pair[0])
+    corners = [shared for _, shared in scored if shared[GAIN] > 0][:CORNERS]
+    if not corners:
+        raise NotIdentifiable(
+            "the measured angle does not follow the request: every fit has a negative gain; "
+            "check the sign of the two signals"
+        )
+    fits = [fit_output_error(problem, c, problem.start(c), identify_noise=_white) for c in corners]
+    return min(fits, key=lambda fit: fit.white_sum).shared
+
+
+def _white(records: Sequence[Linearised]) -> AutoRegression:
+    """Take the noise as white, which is good enough for a start."""
+    del records
+    return WHITE
+
+
+def fit_actuator(
+    records: Sequence[ActuatorRecord], *, start: Array | None = None, jitter: float = 0.0
+) -> ActuatorFit:
+    """Maximum likelihood of the actuator over all records, with its noise.
+
+    Parameters
+    ----------
+    records : at least one, with some excitation
+    start : parameters to begin with; found from the data where None
+    jitter : spread of the sampling period in parts of it; beyond JITTER_LIMIT the noise is modelled in
+        continuous time
+
+    Raises
+    ------
+    NotIdentifiable
+        If nothing in the output follows the request.
+    """
+    problem = ActuatorProblem(records)
+    shared = search_start(records) if start is None else start
+    identify = fit_continuous_ar1 if jitter > JITTER_LIMIT else fit_autoregression
+    fit = fit_output_error(problem, shared, problem.start(shared), identify_noise=identify)
+    residual = np.concatenate(fit.residuals)
+    spread = sum(float(np.square(r.measured - r.measured.mean()).sum()) for r in records)
+    vaf = 1.0 - float(residual @ residual) / spread if spread > 0 else 0.0
+    return ActuatorFit(fit, list(records), vaf, float(np.sqrt(np.mean(residual**2))))
+
+
+def steering_model(fit: Fit) -> SteeringModel:
+    """K, L, T1, T2 and what follows from them, with standard errors and 95 % intervals.
+
+    T2 alone is refused where its relative error passes LARGEST_RELATIVE_ERROR; L + T1 + T2 is known far
+    better than its parts and is given always.
+    """
+    gain, dead_time, total = fit.shared[:RATIO]
+    covariance = fit.covariance[:BIAS, :BIAS]
+    std = np.sqrt(np.diag(covariance))
+    lag_std = float(
+        np.sqrt(covariance[DEAD_TIME, DEAD_TIME] + 2 * covariance[DEAD_TIME, SUM] + covariance[SUM, SUM])
+    )
+    lag = estimate(dead_time + total, lag_std, "s", fit.freedom)
+    delay = estimate(dead_time, float(std[DEAD_TIME]), "s", fit.freedom, scale=dead_time + total)
+    draws = _draws(fit)
+    if np.median(draws[:, 1]) > 0.25 and not critically_damped(fit):
+        none = "underdamped: complex poles have no real time constants"
+        constants = [_refused("s", none), _refused("s", none)]
+    else:
+        constants = _time_constant_estimates(fit, draws)
+    frequency, damping = _resonance(fit, draws)
+    return SteeringModel(
+        gain=estimate(gain, float(std[GAIN]), "1", fit.freedom),
+        dead_time=delay,
+        time_constant_1=constants[0],
+        time_constant_2=constants[1],
+        total_lag=lag,
+        natural_frequency=frequency,
+        damping_ratio=damping,
+    )
+
+
+def estimate(value: float, std: float, unit: str, freedom: int, *, scale: float | None = None) -> Estimate:
+    """Estimate with Student's 95 % interval; its status by the standard error relative to ``scale``."""
+    half = float(t.ppf(0.5 + LEVEL / 2, freedom)) * std
+    status, reason = _status(std, abs(value if scale is None else scale))
+    return Estimate(float(value), std, float(value) - half, float(value) + half, unit, status, reason)
+
+
+def _status(std: float, scale: float) -> tuple[Status, str | None]:
+    relative = std / scale if scale > 0 else np.inf
+    if relative <= WEAK_RELATIVE_ERROR:
+        return "identified", None
+    told = f"standard error {100 * relative:.0f} %"
+    if relative <= LARGEST_RELATIVE_ERROR:
+        return "weak", f"{told}, above {100 * WEAK_RELATIVE_ERROR:.0f} %: add steps and sines to 10 rad/s"
+    needed = f"at most {100 * LARGEST_RELATIVE_ERROR:.0f} % needed: add steps and sines to 10 rad/s"
+    return "not_identifiable", f"{told}, {needed}"
+
+
+def _refused(unit: str, reason: str) -> Estimate:
+    return Estimate(None, None, None, None, unit, "not_identifiable", reason)
+
+
+def _draws(fit: Fit) -> Array:
+    """(DRAWS, 2) a1 and rho from their normal distribution; the same ones every time."""
+    covariance = fit.covariance[np.ix_([SUM, RATIO], [SUM, RATIO])]
+    values, vectors = np.linalg.eigh(covariance)
+    factor = vectors * np.sqrt(np.maximum(values, 0.0))
+    unit = np.random.default_rng(0).standard_normal((DRAWS // 2, 2))
+    pairs = np.vstack([unit, -unit]) @ factor.T + fit.shared[[SUM, RATIO]]
+    return np.asarray(np.maximum(pairs, [1e-6, 0.0]), dtype=np.float64)
+
+
+def _time_constant_estimates(fit: Fit, draws: Array) -> list[Estimate]:
+    total, ratio = fit.shared[[SUM, RATIO]]
+    root = np.sqrt(max(1 - 4 * ratio, 0.0))
+    spread = np.sqrt(np.maximum(1 - 4 * draws[:, 1], 0.0))
+    pairs = (
+        (total * (1 + root) / 2, draws[:, 0] * (1 + spread) / 2),
+        (total * (1 - root) / 2, draws[:, 0] * (1 - spread) / 2),
+    )
+    found = []
+    for value, sample in pairs:
+        low, high = np.quantile(sample, [0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
+        std = float(sample.std())
+        status, reason = _status(std, value)
+        if status == "not_identifiable":
+            found.append(Estimate(None, std, float(low), float(high), "s", status, reason))
+        else:
+            found.append(Estimate(float(value), std, float(low), float(high), "s", status, reason))
+    return found
+
+
+def _resonance(fit: Fit, draws: Array) -> tuple[Estimate, Estimate]:
+    """omega_n = 1 / (a1 sqrt(rho)) [rad/s] and zeta = 1 / (2 sqrt(rho)) (2.19); none for first order."""
+    if first_order(fit):
+        told = "first order within the error: no second pole to tell"
+        return _refused("rad/s", told), _refused("1", told)
+    total, ratio = fit.shared[[SUM, RATIO]]
+    root = np.sqrt(np.maximum(draws[:, 1], SHORTEST_LAG_SHARE))
+    return (
+        _from_draws(1 / (total * np.sqrt(ratio)), 1 / (draws[:, 0] * root), "rad/s"),
+        _from_draws(1 / (2 * np.sqrt(ratio)), 1 / (2 * root), "1"),
+    )
+
+
+def _from_draws(value: float, sample: Array, unit: str) -> Estimate:
+    low, high = np.quantile(sample, [0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
+    std = float((high - low) / (2 * t.ppf(0.5 + LEVEL / 2, 10**6)))
+    status, reason = _status(std, abs(value))
+    return Estimate(float(value), std, float(low), float(high), unit, status, reason)
+
+
+def first_order(fit: Fit) -> bool:
+    """Whether T2 = 0 lies within two standard errors."""
+    return bool(fit.shared[RATIO] - 2 * np.sqrt(fit.covariance[RATIO, RATIO]) <= 2 * SHORTEST_LAG_SHARE)
+
+
+def critically_damped(fit: Fit) -> bool:
+    """Whether T1 = T2 (rho = 1/4) lies within two standard errors."""
+    return bool(abs(fit.shared[RATIO] - 0.25) <= 2 * np.sqrt(fit.covariance[RATIO, RATIO]))
+
+
+def classify(fit: Fit) -> tuple[Classification, str]:
+    """Shape of the response by its damping (2.19), and why; a gain below one is not damping."""
+    ratio, std = fit.shared[RATIO], float(np.sqrt(fit.covariance[RATIO, RATIO]))
+    damping = 1 / (2 * np.sqrt(ratio))
+    told = f"T1 T2/(T1 + T2)² is {ratio:.3f} ± {std:.3f}"
+    if first_order(fit):
+        also = ", and neither is critical damping: T2 is not known" if critically_damped(fit) else ""
+        return "first_order", f"{told}: T2 = 0 cannot be excluded{also}"
+    if critically_damped(fit):
+        return "critically_damped", f"{told}: equal time constants (0.25) cannot be excluded"
+    if ratio > 0.25:
+        return "underdamped", f"{told}, above 0.25: damping ratio {damping:.2f}"
+    return "overdamped", f"{told}, between 0 and 0.25: damping ratio {damping:.2f}, two real time constants"
+
+
+def agreement(fits: Sequence[ActuatorFit], count: int = 3) -> float | None:
+    """p-value of the hypothesis that all fits have the same K, L and T1 + T2 (Cochran's Q).
+
+    Parameters
+    ----------
+    fits : fits of disjoint data
+    count : how many of (K, L, a1) to compare
+
+    Returns
+    -------
+    p-value, None below two fits
+    """
+    if len(fits) < 2:
+        return None
+    weights = [np.linalg.pinv(fit.fit.covariance[:count, :count]) for fit in fits]
+    values = [fit.fit.shared[:count] for fit in fits]
+    mean = np.linalg.solve(sum(weights), sum(w @ v for w, v in zip(weights, values, strict=True)))
+    distance = sum(float((v - mean) @ w @ (v - mean)) for w, v in zip(weights, values, strict=True))
+    return float(chi2.sf(distance, count * (len(fits) - 1)))

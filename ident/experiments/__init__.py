@@ -1,0 +1,1 @@
+"""Signals into experiments: which parts of a log excite the vehicle, and how."""

@@ -1,0 +1,117 @@
+"""Steps and pulses in a held command: a jump between two samples, constant before and after.
+
+A pulse is a step whose hold ends in a return to the level before it (ISO-like rectangular pulses: on, off);
+its return is a step of its own. Nothing else is asked here: whether the answer settles is for the method
+to say that uses the step.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.experiments.found import Found
+from ident.experiments.stretches import Stretch
+
+Array = NDArray[np.float64]
+
+SMALLEST_SHARE = 0.02  # of the largest request: smaller jumps are resolution, not steps
+FLAT_SHARE = 0.02  # of the jump: how much a hold may move
+FEWEST_HELD = 3  # commands
+
+
+def find_steps(stretch: Stretch) -> list[Found]:
+    """All steps and pulses of a stretch, in the order of time."""
+    known = np.delete(np.arange(stretch.command_values.size), stretch.lost)
+    values = stretch.command_values[known]
+    edges = _edges(values)
+    found = []
+    for number, (index, before, after) in enumerate(edges):
+        jump = values[index] - values[index - 1]
+        returns = (
+            number + 1 < len(edges)
+            and edges[number + 1][0] == after
+            and abs(values[after] - values[index - 1]) <= FLAT_SHARE * abs(jump)
+        )
+        found.append(_found(stretch, known, (index, before, after), is_pulse=returns))
+    first = _step_at_start(stretch)
+    return found if first is None else [first, *found]
+
+
+def _edges(values: Array) -> list[tuple[int, int, int]]:
+    """(index of the new level, begin of the hold before, end of the hold after) of each jump."""
+    jumps = np.diff(values)
+    smallest = SMALLEST_SHARE * float(np.abs(values).max(initial=0.0))
+    edges = []
+    for i in np.flatnonzero(np.abs(jumps) > smallest) + 1:
+        index = int(i)
+        tolerance = FLAT_SHARE * abs(float(jumps[index - 1]))
+        after = _end_of_hold(values, index, tolerance)
+        before = index - _end_of_hold(values[index - 1 :: -1], 0, tolerance)
+        if after - index >= FEWEST_HELD and (index - before >= FEWEST_HELD or before == 0):
+            edges.append((index, before, after))
+    return edges
+
+
+def _end_of_hold(values: Array, index: int, tolerance: float) -> int:
+    """First index after ``index`` at which the value has left its level, or the length."""
+    away = np.flatnonzero(np.abs(values[index:] - values[index]) > tolerance)
+    return int(index + away[0]) if away.size else int(values.size)
+
+
+def _found(stretch: Stretch, known: NDArray[np.intp], edge: tuple[int, int, int], *, is_pulse: bool) -> Found:
+    """Describe an edge; ``known`` are the indices of the commands that the log has not lost."""
+    times, values = stretch.command_times, stretch.command_values
+    index, before, after = edge
+    begin, last_old = int(known[index]), int(known[index - 1])
+    end = int(known[after]) if after < known.size else times.size
+    lost_between = begin - last_old > 1
+    return Found(
+        kind="pulse" if is_pulse else "step",
+        begin=begin,
+        end=end,
+        start=float(times[begin]),
+        end_time=_end_time(stretch, end),
+        amplitude=float(values[begin] - values[last_old]),
+        level_before=float(values[last_old]),
+        level_after=float(values[begin]),
+        hold_before=float(times[last_old] - times[known[before]]) + stretch.command_period,
+        start_uncertainty=float(times[begin] - times[last_old]) - stretch.command_period
+        if lost_between
+        else 0.0,
+    )
+
+
+def _end_time(stretch: Stretch, end: int) -> float:
+    """When command ``end`` is sent, or would be."""
+    times = stretch.command_times
+    return float(times[end]) if end < times.size else float(times[-1] + stretch.command_period)
+
+
+def _step_at_start(stretch: Stretch) -> Found | None:
+    """Find a step at the very first command, which only the answer tells.
+
+    The answer is at rest, the request is held away from it, and then the answer moves towards the request
+    by more than half of the way that is left.
+    """
+    times, values = stretch.command_times, stretch.command_values
+    if not stretch.at_rest or values[0] == 0:
+        return None
+    level = float(values[0])
+    after = _end_of_hold(values, 0, FLAT_SHARE * abs(level))
+    if after < FEWEST_HELD:
+        return None
+    end = _end_time(stretch, after)
+    within = stretch.measured[stretch.times < end]
+    if within.size < FEWEST_HELD or abs(within[-1] - within[0]) < 0.1 * abs(level):
+        return None
+    return Found(
+        kind="step",
+        begin=0,
+        end=after,
+        start=float(times[0]),
+        end_time=end,
+        amplitude=level - float(within[0]),
+        level_after=level,
+        start_uncertainty=stretch.command_period,
+    )
