@@ -7,7 +7,7 @@ name, so that a run is the same whether it is made alone or with the others.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -68,12 +68,10 @@ def generate(
     KeyError
         If a name is not one of ``RUNS``.
     """
-    folders = []
-    for name in RUNS if only is None else only:
-        run = RUNS[name]
+    runs = {name: RUNS[name] for name in (RUNS if only is None else only)}
+    for name, run in runs.items():
         write_run(out / name, run.storage, run.start, run.make(truth, seed, name))
-        folders.append(out / name)
-    return folders
+    return [out / name for name in runs]
 
 
 def make_topics(name: str, truth: Truth, seed: int = DEFAULT_SEED) -> dict[str, Topic]:
@@ -85,7 +83,7 @@ def steering_topics(truth: Truth, seed: int, name: str) -> list[Topic]:
     """Record a steering test: request and angle, and the speed (standstill or crawl) unless left out."""
     test = STEERING_TESTS[name]
     signals = steering_signals(name, truth.steering, seed)
-    recorder = Recorder(truth.recording, seed, name, test.duration, test.losses)
+    recorder = Recorder(truth.recording, seed, name, test.duration)  # of what the signals have not lost
     speed = 0.0 if "pulses" in name else CRAWL
     topics = [
         recorder.logged(REQUEST, "request", _stamps(signals.request_time), signals.request),
@@ -93,7 +91,8 @@ def steering_topics(truth: Truth, seed: int, name: str) -> list[Topic]:
     ]
     if name == WITHOUT_SPEED:
         return topics
-    return [*topics, velocity_topic(recorder, truth, lambda time: np.full_like(time, speed))]
+    losing = replace(recorder, losses=test.losses)
+    return [*topics, velocity_topic(losing, truth, lambda time: np.full_like(time, speed))]
 
 
 def _stamps(time: Array) -> Stamps:
