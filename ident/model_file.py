@@ -116,9 +116,9 @@ def model_text(model: Model) -> str:
     yaml.Representer = _Representer
     yaml.width = 100
     stream = io.StringIO()
-    yaml.dump(
-        _block({key: part for key, part in asdict(model).items() if part not in (None, {}, [])}), stream
-    )
+    tree = _block({key: part for key, part in asdict(model).items() if part not in (None, {}, [])})
+    tree.fa.set_block_style()
+    yaml.dump(tree, stream)
     return stream.getvalue()
 
 

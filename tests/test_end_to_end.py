@@ -1,4 +1,4 @@
-"""The program as a user calls it, on sample logs: what it prints, what it leaves behind, what it leaves alone."""
+"""The program as a user calls it, on sample logs: what it prints, leaves behind, and leaves alone."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
@@ -39,6 +39,7 @@ def test_reads_back_what_was_written(tmp_path: Path) -> None:
     assert read_model(path) == a_model()
 
 
+@settings(deadline=None)
 @given(finite, finite | st.none())
 def test_keeps_every_digit_of_a_number(value: float, std: float | None) -> None:
     model = a_model(value, std)
