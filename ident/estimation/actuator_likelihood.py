@@ -18,7 +18,7 @@ likelihood, because they are far from parabolic near critical damping and near T
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,8 +45,10 @@ class ActuatorRecord:
     times, measured : (n,) [s], [rad]
     starts : indices of ``times`` at which the noise restarts
     lost : indices of the commands whose value the log has lost
-    start_uncertainty : root mean square of how early the first command may have been [s]; 0 where the
-        command does not change at the start of the record
+    start_uncertainty : root mean square of how early the first command may have been [s]; infinite where
+        nothing is known of it
+    at_rest : whether the output was at rest when the record began; where it was not, the first samples, up to
+        the dead time, answer to commands that nobody knows, see :func:`without_unknown_head`
     """
 
     run: int
@@ -57,11 +59,21 @@ class ActuatorRecord:
     starts: NDArray[np.intp]
     lost: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     start_uncertainty: float = 0.0
+    at_rest: bool = True
 
     @property
     def first(self) -> float:
         """First recorded command [rad]."""
         return float(self.command_values[0])
+
+
+def without_unknown_head(record: ActuatorRecord, dead_time: float) -> ActuatorRecord:
+    """Leave out the samples that answer to commands before a record that did not begin at rest."""
+    if record.at_rest:
+        return record
+    begin = int(np.searchsorted(record.times, record.command_times[0] + dead_time))
+    starts = np.unique(np.append(0, record.starts[record.starts >= begin] - begin)).astype(np.intp)
+    return replace(record, times=record.times[begin:], measured=record.measured[begin:], starts=starts)
 
 
 class ActuatorProblem:

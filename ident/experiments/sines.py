@@ -27,7 +27,7 @@ ONE_CYCLE = 0.98
 TOO_SHORT = "one needed: drive it longer"
 WORTH_TELLING = 0.6  # cycles
 LARGEST_SHIFT = 0.25  # of the frequency between the core and the whole
-LARGEST_SWING = 0.6  # amplitude over the range of the request; a whole sine has 0.5
+LARGEST_SWING = 0.53  # amplitude over the range of the request; from extreme to extreme a sine has 0.5
 REFINEMENTS = 8
 EXTENSIONS = 6
 

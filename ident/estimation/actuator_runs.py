@@ -1,0 +1,193 @@
+"""One actuator from many runs: the common fit, every run alone, and what does not belong.
+
+The common fit takes two passes, because how much of a record that begins in motion can be used depends on
+the dead time. Afterwards the assumption that a record's first command took effect at most one sample before
+its stamp is tested against what the fit found; where it fails, nothing is assumed and the fit is repeated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.errors import NotIdentifiable
+from ident.estimation.actuator_fit import ActuatorFit, fit_actuator
+from ident.estimation.actuator_likelihood import BIAS, DEAD_TIME, ActuatorRecord, without_unknown_head
+
+Array = NDArray[np.float64]
+
+FIRST_DEAD_TIME = 1.0  # [s] assumed at most, before anything is known
+MARGIN = 0.02  # [s] on the dead time in the second pass
+FEWEST_SAMPLES = 10
+HIDDEN = 3.0  # prior standard deviations
+SHIFT = 3  # place of the early start among the local parameters
+POOR_VAF = 0.5
+GOOD_VAF = 0.9
+LARGEST_GAIN_ERROR = 0.2  # relative; a gain less certain than that is no answer to the request
+SMALLEST_VAF = 0.05
+
+
+@dataclass(frozen=True)
+class RunRecords:
+    """The records of one run; the ``run`` index of the records is set here and not by the caller."""
+
+    name: str
+    records: list[ActuatorRecord]
+    jitter: float = 0.0
+
+
+@dataclass(frozen=True)
+class HiddenStart:
+    """A record whose first command took effect ``early`` [s] before its first stamp."""
+
+    run: str
+    record: int
+    early: float
+
+
+@dataclass(frozen=True)
+class RunsFit:
+    """What ``identify_runs`` returns.
+
+    common : the fit over all runs of ``used``, in that order
+    used : names of the runs; places : run and record number of every record of the common fit
+    alone : run -> its own fit, or the reason why it has none
+    excluded : run -> why it was left out of the common fit
+    """
+
+    common: ActuatorFit
+    used: list[str]
+    places: list[tuple[str, int]]
+    alone: Mapping[str, ActuatorFit | str]
+    excluded: Mapping[str, str] = field(default_factory=dict)
+    hidden: Sequence[HiddenStart] = ()
+
+
+def identify_runs(
+    runs: Sequence[RunRecords], *, progress: Callable[[int, int], None] = lambda _done, _total: None
+) -> RunsFit:
+    """Fit one actuator to all runs, and to each alone.
+
+    Parameters
+    ----------
+    runs : at least one, each with excitation
+    progress : called with the fits done and the fits in all
+
+    Raises
+    ------
+    NotIdentifiable
+        If the measured angle does not follow the request in the runs together.
+    """
+    total = len(runs) + 1
+    common, places, hidden = _common(runs)
+    progress(1, total)
+    alone = {}
+    for number, run in enumerate(runs):
+        alone[run.name] = common if len(runs) == 1 else _alone(run, common)
+        progress(number + 2, total)
+    excluded = _foreign(alone)
+    kept = [run for run in runs if run.name not in excluded]
+    if excluded:
+        common, places, hidden = _common(kept)
+    _refuse_no_answer(common)
+    return RunsFit(common, [run.name for run in kept], places, alone, excluded, hidden)
+
+
+def _common(
+    runs: Sequence[RunRecords],
+) -> tuple[ActuatorFit, list[tuple[str, int]], list[HiddenStart]]:
+    """Two passes, then a third where a start was hidden."""
+    jitter = max(run.jitter for run in runs)
+    records, _ = _usable(runs, FIRST_DEAD_TIME)
+    first = fit_actuator(records, jitter=jitter)
+    dead_time = _longest_dead_time(first)
+    records, places = _usable(runs, dead_time)
+    fit = fit_actuator(records, start=first.fit.shared, jitter=jitter)
+    hidden = _hidden(fit, places)
+    if hidden:
+        late = {(one.run, one.record) for one in hidden}
+        records = [
+            replace(record, start_uncertainty=np.inf) if place in late else record
+            for record, place in zip(records, places, strict=True)
+        ]
+        fit = fit_actuator(records, start=fit.fit.shared, jitter=jitter)
+        hidden = [HiddenStart(h.run, h.record, _early(fit, places.index((h.run, h.record)))) for h in hidden]
+    return fit, places, hidden
+
+
+def _usable(
+    runs: Sequence[RunRecords], dead_time: float
+) -> tuple[list[ActuatorRecord], list[tuple[str, int]]]:
+    """All records with enough samples after the unknown head, with their run's index."""
+    records, places = [], []
+    for index, run in enumerate(runs):
+        for number, record in enumerate(run.records):
+            usable = without_unknown_head(record, dead_time)
+            if usable.times.size >= FEWEST_SAMPLES:
+                records.append(replace(usable, run=index))
+                places.append((run.name, number))
+    if not records:
+        raise NotIdentifiable(
+            f"every stretch of request and measured angle is shorter than {dead_time:.1f} s "
+            f"and {FEWEST_SAMPLES} samples: record longer runs"
+        )
+    return records, places
+
+
+def _longest_dead_time(fit: ActuatorFit) -> float:
+    spread = float(np.sqrt(fit.fit.covariance[DEAD_TIME, DEAD_TIME]))
+    return float(np.clip(fit.fit.shared[DEAD_TIME] + 4 * spread + MARGIN, 0.0, FIRST_DEAD_TIME))
+
+
+def _early(fit: ActuatorFit, number: int) -> float:
+    return float(-fit.fit.local[number][SHIFT])
+
+
+def _hidden(fit: ActuatorFit, places: Sequence[tuple[str, int]]) -> list[HiddenStart]:
+    """Records whose first command was far earlier than one sample before its stamp."""
+    return [
+        HiddenStart(*places[number], _early(fit, number))
+        for number, record in enumerate(fit.records)
+        if abs(_early(fit, number)) > HIDDEN * record.start_uncertainty > 0
+    ]
+
+
+def _alone(run: RunRecords, common: ActuatorFit) -> ActuatorFit | str:
+    """Fit one run, beginning with the common model."""
+    try:
+        records, _ = _usable([run], _longest_dead_time(common))
+        start = np.append(common.fit.shared[:BIAS], 0.0)
+        fit = fit_actuator(records, start=start, jitter=run.jitter)
+        if fit.vaf < POOR_VAF:
+            searched = fit_actuator(records, jitter=run.jitter)
+            fit = max(fit, searched, key=lambda one: one.vaf)
+    except NotIdentifiable as error:
+        return str(error)
+    return fit
+
+
+def _foreign(alone: Mapping[str, ActuatorFit | str]) -> dict[str, str]:
+    """Runs that no linear actuator describes while it describes another one well."""
+    fits = {name: fit for name, fit in alone.items() if isinstance(fit, ActuatorFit)}
+    if not any(fit.vaf >= GOOD_VAF for fit in fits.values()):
+        return {}
+    return {
+        name: f"no linear model follows it: its own best fit explains {100 * max(fit.vaf, 0):.0f} % of the "
+        "measured angle; was the request acted on?"
+        for name, fit in fits.items()
+        if fit.vaf < POOR_VAF
+    }
+
+
+def _refuse_no_answer(fit: ActuatorFit) -> None:
+    gain = float(fit.fit.shared[0])
+    std = float(np.sqrt(fit.fit.covariance[0, 0]))
+    if std > LARGEST_GAIN_ERROR * abs(gain) or fit.vaf < SMALLEST_VAF or gain <= 0:
+        raise NotIdentifiable(
+            f"the measured angle does not follow the request: gain {gain:.3g} ± {std:.2g}, "
+            f"{100 * max(fit.vaf, 0):.0f} % of the measured angle explained, need a gain known to 20 %: "
+            "check that the request was acted on, and drive larger steps"
+        )
