@@ -23,54 +23,16 @@ from ident.signals.applied import AppliedFiles
 from ident.signals.channel_map import Channel, scale
 from ident.signals.derivative import slope
 from ident.signals.health import signal_health, topic_health
+from ident.signals.latency import latencies
+from ident.signals.signal import LoadedLogs, Run, Signal
 from ident.signals.stamps import Clock, TopicTimes, choose_clock, topic_times
-from ident.vehicle import ReferencePoint, Vehicle
+from ident.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 AT_REFERENCE_POINT = {"position_x", "position_y", "longitudinal_velocity", "lateral_velocity"}
 
-
-@dataclass(frozen=True)
-class Signal:
-    """One signal of a run.
-
-    time : (n,) rising, since the start of the run [s]
-    values : (n,) finite, in ``unit`` (SI); headings are unwrapped
-    arrival : (n,) when the recorder received it, on the same clock [s], None where that is its time
-    raw : whether the values are counts, refused in a fit
-    at : the point of the vehicle that it refers to, None where that is not said
-    """
-
-    name: str
-    time: Array
-    values: Array
-    unit: str
-    arrival: Array | None = None
-    raw: bool = False
-    at: ReferencePoint | None = None
-
-
-@dataclass(frozen=True)
-class Run:
-    """One run: its signals by their names in the glossary; time zero is ``start_ns`` [ns since 1970]."""
-
-    name: str
-    start_ns: int
-    duration: float
-    signals: Mapping[str, Signal]
-    vehicle: Vehicle | None
-    health: RunHealth
-
-
-@dataclass(frozen=True)
-class LoadedLogs:
-    """All runs that could be read, and those that could not, with the reason."""
-
-    runs: list[Run]
-    unreadable: list[Refusal]
-    files: list[LogFile]
-    warnings: list[str]
+__all__ = ["LoadedLogs", "Run", "Signal", "load_runs"]
 
 
 def load_runs(
@@ -163,6 +125,7 @@ def _load(path: RunPath, log: Log, applied: AppliedFiles) -> Run:
         topics=_topic_healths(log, sources, clock, zero),
         signals=healths,
         missing=[name for name in channel_map.signals if name not in signals],
+        latencies=latencies(signals, vehicle, {name: health.source for name, health in healths.items()}),
         clocks=list(clock.notes),
         damage=damage,
     )
