@@ -77,7 +77,8 @@ def broken(time: Array, values: Array, stretches: list[slice]) -> Line:
 def thinned(line: Line, bins: int) -> Line:
     """Keep the first, lowest, highest and last sample of each of ``bins`` equal stretches of time.
 
-    A line of at most four samples a bin is given back as it is. A NaN that lifts the pen is kept.
+    Of the samples that lift the pen, one is kept in each stretch that has any, so that never more than
+    five samples a stretch remain. A line of at most four samples a stretch is given back as it is.
 
     Parameters
     ----------
@@ -91,19 +92,21 @@ def thinned(line: Line, bins: int) -> Line:
     if span <= 0:
         return line
     place = np.minimum(((line.time - line.time[0]) / span * bins).astype(np.int64), bins - 1)
-    lifted = np.isnan(line.value)
-    change = np.flatnonzero((np.diff(place) != 0) | (np.diff(lifted.astype(np.int8)) != 0)) + 1
-    first = np.concatenate([[0], change])
-    last = np.concatenate([change, [count]]) - 1
-    keep = np.unique(np.concatenate([first, last, *_extremes(line.value, first, last)]))
+    edges = np.flatnonzero(np.diff(place) != 0) + 1
+    first = np.concatenate([[0], edges])
+    last = np.concatenate([edges, [count]]) - 1
+    keep = np.unique(np.concatenate([first, last, *_extremes(line.value, place, first, last)]))
     return Line(line.time[keep], line.value[keep])
 
 
-def _extremes(values: Array, first: NDArray[np.int_], last: NDArray[np.int_]) -> list[NDArray[np.int_]]:
-    """Index of the lowest and of the highest sample of each group first[i] … last[i]."""
-    group = np.repeat(np.arange(first.size), last - first + 1)
-    order = np.lexsort((values, group))
-    return [order[first], order[last]]
+def _extremes(
+    values: Array, place: NDArray[np.int_], first: NDArray[np.int_], last: NDArray[np.int_]
+) -> list[NDArray[np.int_]]:
+    """Index of the lowest and the highest sample of each group first[i] … last[i], and of one NaN."""
+    order = np.lexsort((values, place))
+    finite = np.add.reduceat(np.isfinite(values).astype(np.int64), first)
+    some, holed = finite > 0, finite < last - first + 1
+    return [order[first[some]], order[(first + finite - 1)[some]], order[(first + finite)[holed]]]
 
 
 def evenly(count: int, most: int) -> list[int]:

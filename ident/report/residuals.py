@@ -19,6 +19,8 @@ from ident.results import Noise
 MOST_LAGS = 200
 SHORTEST_BLOCK = 10
 """Shorter stretches tell nothing of correlation and are left out."""
+PERIODS_MISSING = 1.8
+"""A sample is missing where the next comes later than so many periods."""
 IMPULSE_LENGTH = 20_000
 
 
@@ -44,8 +46,11 @@ class Correlation:
     bound: float
 
 
-def residual_blocks(steering: pd.DataFrame) -> list[Block]:
-    """Cut the residual of the samples used into stretches without gaps, each of one experiment."""
+def residual_blocks(steering: pd.DataFrame, noise: Noise) -> list[Block]:
+    """Cut the residual of the samples used into stretches without gaps, each of one experiment.
+
+    Where the noise model counts samples, one missing sample is a gap.
+    """
     used = steering[steering["used"].astype(bool) & steering["residual"].notna()]
     blocks = []
     for _, rows in used.groupby(["run", "part", "experiment"], sort=False):
@@ -53,10 +58,16 @@ def residual_blocks(steering: pd.DataFrame) -> list[Block]:
         values = rows["residual"].to_numpy(dtype=np.float64)
         blocks += [
             Block(time[stretch], values[stretch])
-            for stretch in contiguous(time)
+            for stretch in contiguous(time, limit=_longest_pause(time, noise))
             if stretch.stop - stretch.start >= SHORTEST_BLOCK
         ]
     return blocks
+
+
+def _longest_pause(time: Array, noise: Noise) -> float | None:
+    if noise.kind == "ar" and time.size > 1:
+        return PERIODS_MISSING * float(np.median(np.diff(time)))
+    return None
 
 
 def correlation(blocks: list[Block], noise: Noise) -> Correlation | None:

@@ -374,7 +374,7 @@ def provenance(runs):
             LogFile(f"{name}/0.mcap", f"{index:064x}", 123456 * (index + 1))
             for index, name in enumerate(runs)
         ],
-        applied={name: "channels.yaml, vehicle.yaml" for name in runs},
+        applied=dict.fromkeys(runs, "channels.yaml, vehicle.yaml"),
     )
 
 

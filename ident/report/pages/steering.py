@@ -118,7 +118,7 @@ def _responses(groups: Sequence[responses.Group], runs: dict[str, responses.Sign
 
 
 def _residual(result: SteeringResult, steering: pd.DataFrame) -> list[Block]:
-    blocks = residuals.residual_blocks(steering)
+    blocks = residuals.residual_blocks(steering, result.noise)
     figure = figures.residual_tests(blocks, result.noise)
     return _blocks(figure) or [Text("Too few samples in a row to say anything of the residual.", "muted")]
 

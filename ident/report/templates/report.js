@@ -30,7 +30,7 @@
     return Plotly.react(box, spec.data, spec.layout, config);
   }
 
-  const visible = (box) => box.offsetParent !== null;
+  const visible = (box) => box.offsetParent !== null && !box.closest("details:not([open])");
   const figures = (root) => [...root.querySelectorAll(".figure")];
 
   async function drawSeen(root) {

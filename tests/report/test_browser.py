@@ -1,0 +1,155 @@
+"""The report in a real browser: drawn, silent, self-contained, and deaf to what a log tries to inject."""
+
+import os
+import shutil
+
+import pytest
+from playwright.sync_api import sync_playwright
+
+from ident.report.html import write_report
+from ident.report.pages.info import info_page
+from ident.report.pages.steering import steering_page
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+
+
+def find_browser():
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if found is None:
+        reason = f"no browser installed: none of {', '.join(BROWSERS)} is on the PATH"
+        if os.environ.get("IDENT_REQUIRE_BROWSER") == "1":
+            pytest.fail(reason)
+        pytest.skip(reason)
+    return found
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_playwright() as playwright:
+        instance = playwright.chromium.launch(executable_path=find_browser(), args=ARGUMENTS)
+        yield instance
+        instance.close()
+
+
+@pytest.fixture(scope="module")
+def report(steering_case, info_result, tmp_path_factory):
+    pages = [info_page(info_result), steering_page(*steering_case)]
+    return write_report(tmp_path_factory.mktemp("report"), pages)
+
+
+class Visit:
+    """A page that is open, with all it said and asked for."""
+
+    def __init__(self, browser, report, address="", **options):
+        self.tab = browser.new_page(viewport={"width": 1280, "height": 900}, **options)
+        self.said, self.asked = [], []
+        self.tab.on("console", lambda message: self.said.append(message.text))
+        self.tab.on("pageerror", lambda error: self.said.append(str(error)))
+        self.tab.on("request", lambda request: self.asked.append(request.url))
+        self.tab.goto(report.as_uri() + address)
+        self.drawn()
+
+    def drawn(self, count=0):
+        """Wait until the figures in sight are drawn, of the responses at least ``count``."""
+        self.tab.wait_for_function("document.body.dataset.ready")
+        layers = "document.querySelectorAll('#steering-responses .cartesianlayer')"
+        wanted = f"count => {layers}.length >= count"
+        self.tab.wait_for_function(wanted, arg=count)
+        self.tab.wait_for_timeout(200)
+
+    def boxes(self, selector):
+        return [element.bounding_box() for element in self.tab.query_selector_all(selector)]
+
+
+@pytest.fixture(scope="module")
+def visit(browser, report):
+    opened = Visit(browser, report)
+    yield opened
+    opened.tab.close()
+
+
+DRAWN = """root => [...document.querySelectorAll(root + ' .figure')]
+    .filter(figure => figure.offsetParent && !figure.closest('details:not([open])'))
+    .map(figure => [...figure.querySelectorAll('path.js-line, path.point, .barlayer path')]
+        .filter(path => (path.getAttribute('d') || '').length > 20).length)"""
+
+
+def drawn_lines(tab, root):
+    """Count the drawn paths with data of each visible figure below ``root``."""
+    return tab.evaluate(DRAWN, root)
+
+
+def test_the_first_screen_holds_verdict_parameters_and_responses(visit):
+    for selector in (".verdict", ".lead table", ".lead .figure"):
+        box = visit.boxes(f"#steering {selector}")[0]
+        assert box["width"] > 400
+        assert box["y"] + box["height"] <= 900
+    assert "Adequate" in visit.tab.inner_text("#steering .verdict")
+    assert "0.1222" in visit.tab.inner_text("#steering .lead table")
+
+
+def test_every_figure_in_sight_is_drawn_with_data(visit):
+    counts = drawn_lines(visit.tab, "#steering")
+    assert len(counts) >= 4
+    assert min(counts) > 0
+    assert counts[0] >= 16
+
+
+def test_nothing_is_said_asked_for_or_executed(visit):
+    assert visit.said == []
+    assert [url for url in visit.asked if not url.startswith(("file:", "data:", "blob:"))] == []
+    assert len([url for url in visit.asked if url.startswith("file:")]) == 1
+    assert visit.tab.evaluate("window.injected") is None
+
+
+def test_hostile_names_are_shown_as_text(visit):
+    assert "</script><script>window.injected=2</script>" in visit.tab.inner_text("#steering-experiments")
+    assert "<img src=x onerror=" in visit.tab.inner_text("#steering-refused")
+    assert visit.tab.query_selector_all("main img") == []
+
+
+def test_a_run_is_drawn_when_it_is_opened(visit):
+    before = len(drawn_lines(visit.tab, "#steering-responses"))
+    for summary in visit.tab.query_selector_all("#steering-responses summary"):
+        summary.click()
+    visit.drawn(before + 3)
+    assert min(drawn_lines(visit.tab, "#steering-responses")) > 0
+    assert visit.said == []
+
+
+def test_the_stages_are_pages_of_one_file(visit):
+    visit.tab.click("nav a.stage[data-page=info]")
+    assert visit.tab.is_visible("#info .verdict")
+    assert not visit.tab.is_visible("#steering .verdict")
+    assert visit.tab.title() == "Logs – ident"
+    visit.tab.wait_for_selector("#info .figure .yaxislayer-above", state="attached")
+    assert "/vehicle/steering_wheel" in visit.tab.text_content("#info .figure .yaxislayer-above")
+    visit.tab.click("nav a.stage[data-page=steering]")
+    visit.tab.click("nav.contents.current a[href='#steering-model']")
+    visit.tab.wait_for_timeout(300)
+    assert 0 <= visit.tab.query_selector("#steering-model").bounding_box()["y"] < 850
+    assert visit.said == []
+    assert visit.tab.evaluate("window.injected") is None
+
+
+def test_dark_screens_get_light_lines(browser, report):
+    opened = Visit(browser, report, color_scheme="dark")
+    colours = opened.tab.evaluate(
+        "[...document.querySelectorAll('#steering .lead .js-line')].map(p => getComputedStyle(p).stroke)"
+    )
+    assert "rgb(240, 242, 244)" in colours
+    assert "rgb(21, 24, 28)" not in colours
+    opened.tab.close()
+
+
+def test_an_injected_script_would_not_run(browser, report, tmp_path):
+    text = report.read_text(encoding="utf-8")
+    broken = tmp_path / "broken.html"
+    script = "<script>window.injected=9</script>"
+    image = "<img src='https://example.invalid/x' onerror='window.injected=8'>"
+    broken.write_text(text.replace("<main>", f"<main>{script}{image}", 1), encoding="utf-8")
+    opened = Visit(browser, broken)
+    assert opened.tab.evaluate("window.injected") is None
+    assert any("Content Security Policy" in line for line in opened.said)
+    opened.tab.close()

@@ -1,0 +1,79 @@
+from dataclasses import replace
+
+import pytest
+
+from ident.report.summary import describe_steering, experiment_lines, parameter_lines
+from ident.results import Estimate, Experiment, Refusal
+
+
+def test_says_verdict_parameters_fit_and_what_to_do_next(steering_case):
+    text = describe_steering(steering_case[0])
+    lines = text.splitlines()
+    assert lines[0] == "adequate"
+    assert lines[1].strip() == steering_case[0].verdict
+    assert lines[-1] == f"next: {steering_case[0].next_step}"
+    assert "fit: 99.999" in text
+    assert (
+        "experiments: 8 pulses, 4 sines; used by 63.2 % 6, Harriott 6, likelihood 12; left out by all 0"
+        in text
+    )
+    assert any(line.startswith("refused: bandwidth: ") for line in lines)
+
+
+def test_a_parameter_stands_with_its_interval_and_unit(steering_case):
+    lines = parameter_lines(steering_case[0].model)
+    dead_time = next(line for line in lines if "dead time" in line)
+    assert dead_time.split() == ["L", "dead", "time", "0.1222", "0.1200", "…", "0.1244", "s"]
+    units = {line.rstrip().rfind("  ") for line in lines if line.rstrip().endswith("  s")}
+    assert len(units) == 1
+
+
+def test_a_parameter_that_is_not_known_says_why(steering_case):
+    unknown = Estimate(None, None, None, None, "s", "not_identifiable", "error above 50 %: add steps")
+    lines = parameter_lines(replace(steering_case[0].model, time_constant_2=unknown))
+    assert any(line.endswith("not identifiable") for line in lines)
+    assert lines[-1] == "  T₂: error above 50 %: add steps"
+
+
+def test_not_adequate_is_said_first(steering_case):
+    assert describe_steering(replace(steering_case[0], adequate=False)).startswith("NOT adequate\n")
+
+
+def test_escape_sequences_from_a_log_do_not_reach_the_terminal(steering_case):
+    result = replace(
+        steering_case[0],
+        warnings=["\x1b]0;owned\x07 \x1b[2J run"],
+        refused=[Refusal("\x9b31m", "a\nnext: rm -rf")],
+    )
+    text = describe_steering(result)
+    assert not {"\x1b", "\x07", "\x9b"} & set(text)
+    assert sum(line.startswith("next: ") for line in text.splitlines()) == 1
+
+
+def test_a_long_list_of_warnings_is_counted(steering_case):
+    text = describe_steering(replace(steering_case[0], warnings=[f"number {i}" for i in range(30)]))
+    assert text.count("warning: ") == 9
+    assert "warning: and 22 more, in the report" in text
+
+
+@pytest.mark.parametrize(
+    ("experiments", "line"),
+    [
+        ([], "experiments: none found in the request"),
+        (
+            [Experiment("a", "step", 0.0, 1.0, rejected={"likelihood": "too short"})] * 2,
+            "experiments: 2 steps; used by nothing; left out by all 2",
+        ),
+    ],
+)
+def test_counts_experiments(experiments, line):
+    assert experiment_lines(experiments)[0] == line
+
+
+def test_gives_the_commonest_reasons_for_leaving_out():
+    short = Experiment("a", "step", 0.0, 1.0, rejected={"x": "too short", "y": "too short"})
+    late = Experiment("a", "step", 0.0, 1.0, rejected={"x": "not settled"})
+    assert experiment_lines([late, short, short])[1:] == [
+        "  left out 2×: too short",
+        "  left out 1×: not settled",
+    ]
