@@ -148,8 +148,7 @@ def held_response(
     Returns
     -------
     (n, 4) : y, dy/dt, dy/da1, dy/da2. The derivative to the dead time is not a column: at a fixed
-        initial state it is the response of y' to the same command from zero, see
-        :func:`dead_time_sensitivity`.
+        initial state it is minus the rate of what the commands after the first sample have caused.
     """
     out = np.empty((times.size, 4))
     if times.size:
@@ -167,26 +166,29 @@ def held_response(
     return out
 
 
+@numba.njit("void(float64, float64, float64[::1], float64[:, ::1])", cache=True, error_model="numpy")
+def _free(a1: float, a2: float, since: Array, out: Array) -> None:
+    """Fill the rows of ``out`` with c(t) and s(t)."""
+    sigma = a1 / (2 * a2)
+    delta = sigma * sigma - 1 / a2
+    for i in range(since.size):
+        if since[i] < 0:
+            out[0, i] = 0.0
+            out[1, i] = 0.0
+        else:
+            cosine, sine, _ = _hyperbolic(sigma, delta, since[i])
+            out[0, i] = cosine + sigma * sine
+            out[1, i] = sine
+
+
 def free_response(sum_of_lags: float, product_of_lags: float, t: Array) -> tuple[Array, Array]:
     """c(t) and s(t): the response to an initial angle of one and to an initial rate of one; zero for t < 0.
 
     t : (n,) time since the initial state [s]
     """
-    sigma = sum_of_lags / (2 * product_of_lags)
-    delta = sigma**2 - 1 / product_of_lags
-    since = np.maximum(t, 0.0)
-    root = np.sqrt(complex(delta))
-    x = root * since
-    small = np.abs(x) ** 2 < SERIES_BELOW
-    safe = np.where(small, 1.0, x)
-    slow = np.exp(-since * (1 / product_of_lags) / (sigma + root))
-    fast = np.exp(-since * (sigma + root))
-    cosine = 0.5 * (slow + fast).real
-    square = (x * x).real
-    series = np.exp(-sigma * since) * since * (1 + square / 6 * (1 + square / 20))
-    sine = np.where(small, series, (0.5 * (slow - fast) / safe * since).real)
-    before = t < 0
-    return np.where(before, 0.0, cosine + sigma * sine), np.where(before, 0.0, sine)
+    out = np.empty((2, t.size))
+    _free(sum_of_lags, product_of_lags, np.ascontiguousarray(t, dtype=np.float64), out)
+    return out[0], out[1]
 
 
 def step_response(sum_of_lags: float, product_of_lags: float, t: Array) -> Array:

@@ -30,7 +30,7 @@ from ident.estimation.actuator_likelihood import (
     ActuatorProblem,
     ActuatorRecord,
 )
-from ident.estimation.noise import AutoRegression, Linearised
+from ident.estimation.noise import AutoRegression, Linearised, NoiseShape
 from ident.estimation.noise_fit import fit_autoregression, fit_continuous_ar1
 from ident.estimation.output_error import WHITE, Fit, fit_output_error, linear_score
 from ident.results import Classification, Estimate, Status, SteeringModel
@@ -110,9 +110,9 @@ def search_start(records: Sequence[ActuatorRecord]) -> Array:
     return min(fits, key=lambda fit: fit.white_sum).shared
 
 
-def _white(records: Sequence[Linearised]) -> AutoRegression:
+def _white(records: Sequence[Linearised], like: NoiseShape | None) -> AutoRegression:
     """Take the noise as white, which is good enough for a start."""
-    del records
+    del records, like
     return WHITE
 
 
@@ -158,7 +158,7 @@ def steering_model(fit: Fit) -> SteeringModel:
     lag = estimate(dead_time + total, lag_std, "s", fit.freedom)
     delay = estimate(dead_time, float(std[DEAD_TIME]), "s", fit.freedom, scale=dead_time + total)
     draws = _draws(fit)
-    if np.median(draws[:, 1]) > 0.25 and not critically_damped(fit):
+    if underdamped(fit):
         none = "underdamped: complex poles have no real time constants"
         constants = [_refused("s", none), _refused("s", none)]
     else:
@@ -198,22 +198,44 @@ def _refused(unit: str, reason: str) -> Estimate:
 
 
 def _draws(fit: Fit) -> Array:
-    """(DRAWS, 2) a1 and rho from their normal distribution; the same ones every time."""
-    covariance = fit.covariance[np.ix_([SUM, RATIO], [SUM, RATIO])]
-    values, vectors = np.linalg.eigh(covariance)
+    """(DRAWS, 4) K, L, a1 and rho from their normal distribution; the same numbers every time."""
+    values, vectors = np.linalg.eigh(fit.covariance[:BIAS, :BIAS])
     factor = vectors * np.sqrt(np.maximum(values, 0.0))
-    unit = np.random.default_rng(0).standard_normal((DRAWS // 2, 2))
-    pairs = np.vstack([unit, -unit]) @ factor.T + fit.shared[[SUM, RATIO]]
-    return np.asarray(np.maximum(pairs, [1e-6, 0.0]), dtype=np.float64)
+    half = np.random.default_rng(0).standard_normal((DRAWS // 2, BIAS))
+    unit = np.vstack([half, -half])
+    # Exactly white draws: their covariance is that of the estimate to the last digit.
+    unit = np.linalg.solve(np.linalg.cholesky(unit.T @ unit / DRAWS), unit.T).T
+    drawn = unit @ factor.T + fit.shared[:BIAS]
+    return np.asarray(np.maximum(drawn, [-np.inf, -np.inf, 1e-6, 0.0]), dtype=np.float64)
+
+
+def joint_covariance(fit: Fit) -> tuple[list[str], Array]:
+    """Names of the parameters of the steering part of a model, and their covariance.
+
+    They are gain, dead_time and the two time constants; or natural frequency and damping ratio where the
+    response is underdamped.
+    """
+    draws = _draws(fit)
+    total, ratio = draws[:, SUM], draws[:, RATIO]
+    if underdamped(fit):
+        names = ["natural_frequency", "damping_ratio"]
+        root = np.sqrt(np.maximum(ratio, SHORTEST_LAG_SHARE))
+        shape = np.column_stack([1 / (total * root), 1 / (2 * root)])
+    else:
+        names = ["time_constant_1", "time_constant_2"]
+        spread = np.sqrt(np.maximum(1 - 4 * ratio, 0.0))
+        shape = np.column_stack([total * (1 + spread) / 2, total * (1 - spread) / 2])
+    covariance = np.cov(np.column_stack([draws[:, :SUM], shape]).T, bias=True)
+    return [f"steering.{name}" for name in ("gain", "dead_time", *names)], np.asarray(covariance)
 
 
 def _time_constant_estimates(fit: Fit, draws: Array) -> list[Estimate]:
     total, ratio = fit.shared[[SUM, RATIO]]
     root = np.sqrt(max(1 - 4 * ratio, 0.0))
-    spread = np.sqrt(np.maximum(1 - 4 * draws[:, 1], 0.0))
+    spread = np.sqrt(np.maximum(1 - 4 * draws[:, RATIO], 0.0))
     pairs = (
-        (total * (1 + root) / 2, draws[:, 0] * (1 + spread) / 2),
-        (total * (1 - root) / 2, draws[:, 0] * (1 - spread) / 2),
+        (total * (1 + root) / 2, draws[:, SUM] * (1 + spread) / 2),
+        (total * (1 - root) / 2, draws[:, SUM] * (1 - spread) / 2),
     )
     found = []
     for value, sample in pairs:
@@ -233,9 +255,9 @@ def _resonance(fit: Fit, draws: Array) -> tuple[Estimate, Estimate]:
         told = "first order within the error: no second pole to tell"
         return _refused("rad/s", told), _refused("1", told)
     total, ratio = fit.shared[[SUM, RATIO]]
-    root = np.sqrt(np.maximum(draws[:, 1], SHORTEST_LAG_SHARE))
+    root = np.sqrt(np.maximum(draws[:, RATIO], SHORTEST_LAG_SHARE))
     return (
-        _from_draws(1 / (total * np.sqrt(ratio)), 1 / (draws[:, 0] * root), "rad/s"),
+        _from_draws(1 / (total * np.sqrt(ratio)), 1 / (draws[:, SUM] * root), "rad/s"),
         _from_draws(1 / (2 * np.sqrt(ratio)), 1 / (2 * root), "1"),
     )
 
@@ -250,6 +272,11 @@ def _from_draws(value: float, sample: Array, unit: str) -> Estimate:
 def first_order(fit: Fit) -> bool:
     """Whether T2 = 0 lies within two standard errors."""
     return bool(fit.shared[RATIO] - 2 * np.sqrt(fit.covariance[RATIO, RATIO]) <= 2 * SHORTEST_LAG_SHARE)
+
+
+def underdamped(fit: Fit) -> bool:
+    """Whether the poles are complex, with critical damping excluded."""
+    return bool(fit.shared[RATIO] > 0.25) and not critically_damped(fit)
 
 
 def critically_damped(fit: Fit) -> bool:

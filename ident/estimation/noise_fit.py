@@ -23,14 +23,14 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize, minimize_scalar
 
-from ident.estimation.noise import AutoRegression, ContinuousAr1, Linearised
+from ident.estimation.noise import AutoRegression, ContinuousAr1, Linearised, NoiseShape
 
 Array = NDArray[np.float64]
 
 HIGHEST_ORDER = 6
 PATIENCE = 2  # orders without a better criterion after which the search ends
 RIDGE = 1e-12
-BFGS = {"gtol": 1e-3}
+FLAT = 1e-3  # slope of -2 log L at which the search ends
 SHORTEST_CORRELATION = 0.05  # of the median sampling interval: white
 LONGEST_CORRELATION = 500.0  # of the median sampling interval
 
@@ -117,7 +117,7 @@ class _RestrictedLikelihood:
 
 
 def fit_autoregression(
-    records: Sequence[Linearised], *, highest_order: int = HIGHEST_ORDER
+    records: Sequence[Linearised], like: NoiseShape | None = None, *, highest_order: int = HIGHEST_ORDER
 ) -> AutoRegression:
     """AR(p) of the noise under a fit, its order by the Bayesian information criterion.
 
@@ -126,7 +126,10 @@ def fit_autoregression(
     Parameters
     ----------
     records : the linearised problem at the present parameters
+    like : where it is an autoregression, its order is kept and its coefficients are the start
     """
+    if isinstance(like, AutoRegression):
+        return _refitted(records, like)
     highest = _affordable_order(records, highest_order)
     pairs = [_lagged_products(record, highest) for record in records]
     rows = sum(count for _, count in pairs)
@@ -135,19 +138,27 @@ def fit_autoregression(
     for order in range(highest + 1):
         cut = [replace(p, lagged=p.lagged[: order + 1, : order + 1]) for p, _ in pairs]
         objective = _RestrictedLikelihood(cut, rows, records[0].shared.shape[1])
-        if order == 0:
-            value = objective(start)[0]
-        else:
-            found = minimize(
-                objective, np.append(start, 0.0), jac=True, method="BFGS", options={"gtol": 1e-3}
-            )
-            start, value = np.asarray(found.x), float(found.fun)
+        start, value = _minimised(objective, np.append(start, 0.0) if order else start)
         criterion = value + order * np.log(max(rows, 2))
         if criterion < best_criterion:
             best, best_criterion = start, criterion
         elif order - best.size >= PATIENCE:
             break
     return AutoRegression(best).made_stationary()
+
+
+def _refitted(records: Sequence[Linearised], like: AutoRegression) -> AutoRegression:
+    pairs = [_lagged_products(record, like.coefficients.size) for record in records]
+    rows = sum(count for _, count in pairs)
+    objective = _RestrictedLikelihood([p for p, _ in pairs], rows, records[0].shared.shape[1])
+    return AutoRegression(_minimised(objective, like.coefficients)[0]).made_stationary()
+
+
+def _minimised(objective: _RestrictedLikelihood, start: Array) -> tuple[Array, float]:
+    if start.size == 0:
+        return start, objective(start)[0]
+    found = minimize(objective, start, jac=True, method="BFGS", options={"gtol": FLAT})
+    return np.asarray(found.x, dtype=np.float64), float(found.fun)
 
 
 def _affordable_order(records: Sequence[Linearised], highest: int) -> int:
@@ -157,11 +168,13 @@ def _affordable_order(records: Sequence[Linearised], highest: int) -> int:
     return int(max(0, min(highest, 0.1 * rows // max(blocks, 1))))
 
 
-def fit_continuous_ar1(records: Sequence[Linearised]) -> ContinuousAr1:
+def fit_continuous_ar1(records: Sequence[Linearised], like: NoiseShape | None = None) -> ContinuousAr1:
     """Correlation time of continuous-time AR(1) noise under a fit, for stamps that jitter.
 
     records : the linearised problem at the present parameters
+    like : not used, there is only one structure
     """
+    del like
     interval = float(np.median(np.concatenate([np.diff(r.times) for r in records])))
     low, high = np.log(SHORTEST_CORRELATION * interval), np.log(LONGEST_CORRELATION * interval)
     found = minimize_scalar(

@@ -30,10 +30,12 @@ MAX_ITERATIONS = 60
 NOISE_ROUNDS = 12
 CONVERGED = 1e-4  # step in standard deviations
 RANK_TOLERANCE = 1e-10
+BLOCK_ROWS = 256
+FREE_ROUNDS = 2  # rounds in which the order of the noise may still change
 
 WHITE = AutoRegression(np.zeros(0))
 
-IdentifyNoise = Callable[[Sequence[Linearised]], NoiseShape]
+IdentifyNoise = Callable[[Sequence[Linearised], NoiseShape | None], NoiseShape]
 
 
 class Problem(Protocol):
@@ -81,7 +83,6 @@ class _Reduced:
     order: NDArray[np.intp]
     scale: Array
     rank: int
-    leftover: float
 
 
 def _reduce(record: Linearised, shape: NoiseShape, std: float) -> _Reduced:
@@ -95,22 +96,25 @@ def _reduce(record: Linearised, shape: NoiseShape, std: float) -> _Reduced:
         prior[np.arange(weight.size), np.flatnonzero(known)] = weight
         prior[:, -1] = weight * record.prior_residual[known]
         white = np.vstack([white, prior])
+    white = _triangle(white)
     scale = np.linalg.norm(white[:, :local], axis=0)
     scale[scale == 0] = 1.0
     q, triangle, order = qr(white[:, :local] / scale, mode="economic", pivoting=True)
     size = np.abs(np.diag(triangle))
     rank = int((size > RANK_TOLERANCE * size.max(initial=0.0)).sum())
     basis = q[:, :rank]
-    rest = white[:, local:]
-    on_local = basis.T @ rest
-    free = rest - basis @ on_local
-    rows = _triangle(free)
-    leftover = float(free[:, -1] @ free[:, -1])
-    return _Reduced(rows, triangle[:rank, :rank], on_local, order, scale, rank, leftover)
+    on_local = basis.T @ white[:, local:]
+    rows = white[:, local:] - basis @ on_local
+    return _Reduced(rows, triangle[:rank, :rank], on_local, order, scale, rank)
 
 
 def _triangle(rows: Array) -> Array:
-    """Upper triangle of the QR factorisation of the rows."""
+    """Upper triangle of the QR factorisation of the rows, by blocks that stay in the cache."""
+    blocks = len(rows) // BLOCK_ROWS
+    if blocks > 1:
+        whole = blocks * BLOCK_ROWS
+        heads = np.asarray(np.linalg.qr(rows[:whole].reshape(blocks, BLOCK_ROWS, -1), mode="r"))
+        rows = np.vstack([heads.reshape(-1, rows.shape[1]), rows[whole:]])
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
 
 
@@ -223,8 +227,8 @@ def fit_output_error(
     problem : what is fitted
     shared : (s,) start
     local : one (l_i,) start a record
-    identify_noise : gives the colour of the noise from the linearised problem, such as
-        :func:`~ident.estimation.noise_fit.fit_autoregression`
+    identify_noise : gives the colour of the noise from the linearised problem, with the structure of a
+        given one where it is not None, such as :func:`~ident.estimation.noise_fit.fit_autoregression`
 
     Returns
     -------
@@ -237,9 +241,9 @@ def fit_output_error(
     converged = False
     triangle = np.eye(start.size)
     reduced: list[_Reduced] = []
-    for _ in range(NOISE_ROUNDS):
+    for number in range(NOISE_ROUNDS):
         state, triangle, reduced, converged = _gauss_newton(problem, state)
-        renewed = identify_noise(state.records)
+        renewed = identify_noise(state.records, state.shape if number >= FREE_ROUNDS else None)
         settled = renewed.close_to(state.shape)
         state.shape = renewed
         std = _innovation_std(state, start.size)

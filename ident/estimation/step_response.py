@@ -18,6 +18,7 @@ These are hand methods, reported beside the likelihood. They assume that the ste
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,7 @@ from scipy.optimize import brentq
 
 from ident.dynamics.second_order import step_response
 from ident.errors import NotIdentifiable
+from ident.results import StepFit, StepMethod
 
 Array = NDArray[np.float64]
 
@@ -42,6 +44,7 @@ TAIL = 0.2
 FEWEST = 3
 ALMOST_FIRST = 1 - 1e-6
 DEAD_TIME_STEPS = 60
+NO_LAG = 1e-6  # T1 T2 / (T1 + T2)² that stands for a single lag
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,52 @@ class StepModel:
     time_constant_2: float | None
     level: float
     rms_error: float
+
+
+def combined(method: StepMethod, records: Sequence[StepRecord], models: Sequence[StepModel]) -> StepFit:
+    """Medians over steps, their spread, and how well the median model describes all of them.
+
+    records, models : one each a step that the method could use
+    """
+    if not models:
+        return StepFit(method, None, None, None, None, None, 0, reason="no step begins and ends at rest")
+    names = ("gain", "dead_time", "time_constant_1", "time_constant_2")
+    columns = {name: [getattr(m, name) for m in models] for name in names}
+    middle = {name: _median(values) for name, values in columns.items()}
+    spread = {
+        name: float(np.std(values, ddof=1)) if len(models) > 1 and middle[name] is not None else None
+        for name, values in columns.items()
+    }
+    errors = [_errors(record, model, middle) for record, model in zip(records, models, strict=True)]
+    rms = float(np.sqrt(np.mean(np.square(np.concatenate(errors)))))
+    return StepFit(
+        method=method,
+        gain=middle["gain"],
+        dead_time=middle["dead_time"],
+        time_constant_1=middle["time_constant_1"],
+        time_constant_2=middle["time_constant_2"],
+        rms_error=rms,
+        steps=len(models),
+        spread=spread,
+    )
+
+
+def _median(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.median(known)) if known else None
+
+
+def _errors(record: StepRecord, model: StepModel, middle: Mapping[str, float | None]) -> Array:
+    """(n,) measured minus the median model, from the level at which the step began [rad]."""
+    first, second = middle["time_constant_1"] or 0.0, middle["time_constant_2"] or 0.0
+    change = (middle["gain"] or 0.0) * record.request
+    shape = _two_lags(record.times - (middle["dead_time"] or 0.0), first, second)
+    return record.measured - model.level - change * shape
+
+
+def _two_lags(t: Array, first: float, second: float) -> Array:
+    total = first + second
+    return step_response(total, max(first * second, NO_LAG * total**2), t)
 
 
 @dataclass(frozen=True)
@@ -249,9 +298,7 @@ def _model(
     record: StepRecord, response: _Response, constants: tuple[float, float, float | None]
 ) -> StepModel:
     dead_time, first, second = constants
-    total = first + (second or 0.0)
-    product = max(first * (second or 0.0), 1e-6 * total**2)
-    shape = step_response(total, product, record.times - dead_time)
+    shape = _two_lags(record.times - dead_time, first, second or 0.0)
     error = record.measured - response.level - response.change * shape
     if second is not None and second > first:
         first, second = second, first

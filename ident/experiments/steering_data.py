@@ -62,7 +62,8 @@ def choose_pair(runs: Sequence[Run]) -> Pair:
     raise NotIdentifiable(
         f"no steering request with a measured angle in {_count(len(runs), 'run')}: found "
         f"{', '.join(there) or 'neither'}, need steering_wheel_request and steering_wheel_angle (or "
-        "road_wheel_request and road_wheel_angle): name their topics in channels.yaml (`ident init` writes a first one)"
+        "road_wheel_request and road_wheel_angle): name their topics in channels.yaml (`ident init` writes "
+        "a first one)"
     )
 
 
