@@ -2,10 +2,11 @@
 
 Pairs: yaw rate against the derivative of the heading; position against speed, heading and lateral velocity;
 speed against the localization's; longitudinal acceleration against the derivative of the speed (less v_y r,
-where that is known); lateral acceleration against v r + dv_y/dt, moved to the place of the IMU. A steering angle is no such pair: between
-it and the yaw rate lies the vehicle, whose own lag cannot be told from a late sensor. Nor is position
-against heading without the lateral velocity, or lateral acceleration against v r alone: the side slip and
-its growth look like a delay.
+where that is known); lateral acceleration against v r + dv_y/dt, moved to the place of the IMU.
+
+A steering angle is no such pair: between it and the yaw rate lies the vehicle, whose own lag cannot be told
+from a late sensor. Nor is position against heading without the lateral velocity, or lateral acceleration
+against v r alone: the side slip and its growth look like a delay.
 """
 
 from __future__ import annotations
@@ -17,49 +18,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.results import Estimate, Latency
-from ident.signals.alignment import interpolate, longest_bridge, low_pass
 from ident.signals.delay import Piece, estimate_delay
-from ident.signals.derivative import slope
+from ident.signals.motion import Motion
 from ident.signals.signal import Signal
 from ident.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 
-HIGHEST_RATE = 25.0
 LOWEST_RATE = 4.0
-MAX_GAP = 0.3
 
 
 @dataclass(frozen=True)
-class _Motion:
-    """The signals of a run that may be compared, and where each comes from."""
+class _Known:
+    """Where the signals come from, and the vehicle."""
 
-    signals: Mapping[str, Signal]
     sources: Mapping[str, str]
     vehicle: Vehicle | None
-
-    def has(self, *names: str) -> bool:
-        return all(name in self.signals and len(self.signals[name].time) > 10 for name in names)
-
-    def grid(self, *names: str) -> tuple[Array, float]:
-        """Common instants of these signals at the rate of the slowest."""
-        used = [self.signals[name] for name in names]
-        rates = [1 / float(np.median(np.diff(signal.time))) for signal in used]
-        rate = min(HIGHEST_RATE, *rates)
-        first = max(signal.time[0] for signal in used)
-        last = min(signal.time[-1] for signal in used)
-        return np.arange(first, max(last, first), 1 / rate), rate
-
-    def at(self, name: str, grid: Array, rate: float) -> Array:
-        """A signal at the instants of a grid, NaN in its gaps."""
-        signal = self.signals[name]
-        return _sampled(signal.time, signal.values, grid, rate, longest_bridge(signal, MAX_GAP))
-
-    def derivative(self, name: str, grid: Array, rate: float) -> Array:
-        """The derivative of a signal at the instants of a grid, NaN in its gaps."""
-        signal = self.signals[name]
-        time, values = slope(signal.time, signal.values)
-        return _sampled(time, values, grid, rate, longest_bridge(signal, MAX_GAP))
 
 
 def latencies(
@@ -78,11 +52,12 @@ def latencies(
         for name, signal in signals.items()
         if not signal.raw and not sources.get(name, "").startswith("derivative")
     }
-    motion = _Motion(usable, sources, vehicle)
-    return [late for pair in PAIRS if (late := pair(motion)) is not None]
+    motion = Motion(usable)
+    known = _Known(sources, vehicle)
+    return [late for pair in PAIRS if (late := pair(motion, known)) is not None]
 
 
-def _yaw_rate(motion: _Motion) -> Latency | None:
+def _yaw_rate(motion: Motion, _known: _Known) -> Latency | None:
     if not motion.has("yaw_rate", "heading"):
         return None
     grid, rate = motion.grid("yaw_rate", "heading")
@@ -90,7 +65,7 @@ def _yaw_rate(motion: _Motion) -> Latency | None:
     return Latency("yaw_rate", "heading", _estimate([(late, reference)], rate))
 
 
-def _position(motion: _Motion) -> Latency | None:
+def _position(motion: Motion, _known: _Known) -> Latency | None:
     speed = "longitudinal_velocity" if motion.has("longitudinal_velocity") else "speed"
     names = ("position_x", "position_y", speed, "heading", "lateral_velocity")
     if not motion.has(*names):
@@ -106,9 +81,9 @@ def _position(motion: _Motion) -> Latency | None:
     return Latency("position", f"{speed}, heading, lateral_velocity", _estimate(pairs, rate))
 
 
-def _speed(motion: _Motion) -> Latency | None:
+def _speed(motion: Motion, known: _Known) -> Latency | None:
     names = ("speed", "longitudinal_velocity")
-    if not motion.has(*names) or motion.sources.get(names[0]) == motion.sources.get(names[1]):
+    if not motion.has(*names) or known.sources.get(names[0]) == known.sources.get(names[1]):
         return None
     grid, rate = motion.grid(*names)
     return Latency(
@@ -116,7 +91,7 @@ def _speed(motion: _Motion) -> Latency | None:
     )
 
 
-def _longitudinal_acceleration(motion: _Motion) -> Latency | None:
+def _longitudinal_acceleration(motion: Motion, known: _Known) -> Latency | None:
     names = ("longitudinal_acceleration", "speed")
     if not motion.has(*names):
         return None
@@ -125,18 +100,18 @@ def _longitudinal_acceleration(motion: _Motion) -> Latency | None:
     late, reference = motion.at(names[0], grid, rate), motion.derivative("speed", grid, rate)
     if turning:
         yaw_rate = motion.at("yaw_rate", grid, rate)
-        arm = _lever_arm(motion) or 0.0
+        arm = _lever_arm(motion, known) or 0.0
         reference -= yaw_rate * (motion.at("lateral_velocity", grid, rate) + arm * yaw_rate)
     return Latency(*names, _estimate([(late, reference)], rate))
 
 
-def _lateral_acceleration(motion: _Motion) -> Latency | None:
+def _lateral_acceleration(motion: Motion, known: _Known) -> Latency | None:
     names = ("lateral_acceleration", "speed", "yaw_rate", "lateral_velocity")
     if not motion.has(*names):
         return None
     grid, rate = motion.grid(*names)
     late, speed, yaw_rate = (motion.at(name, grid, rate) for name in names[:3])
-    arm = _lever_arm(motion)
+    arm = _lever_arm(motion, known)
     reference = speed * yaw_rate + motion.derivative("lateral_velocity", grid, rate)
     reference += (arm or 0.0) * motion.derivative("yaw_rate", grid, rate)
     found = _estimate([(late, reference)], rate)
@@ -146,9 +121,9 @@ def _lateral_acceleration(motion: _Motion) -> Latency | None:
     return Latency("lateral_acceleration", "speed, yaw_rate, lateral_velocity", found)
 
 
-def _lever_arm(motion: _Motion) -> float | None:
+def _lever_arm(motion: Motion, known: _Known) -> float | None:
     """How far the IMU is before the point of the lateral velocity [m], None where that is not known."""
-    vehicle, at = motion.vehicle, motion.signals["lateral_velocity"].at
+    vehicle, at = known.vehicle, motion.signals["lateral_velocity"].at
     if vehicle is None or vehicle.imu_position is None or at is None:
         return None
     rear = vehicle.cg_to_rear_axle
@@ -157,17 +132,13 @@ def _lever_arm(motion: _Motion) -> float | None:
     return None if rear is None else vehicle.imu_position[0] + rear
 
 
-PAIRS: tuple[Callable[[_Motion], Latency | None], ...] = (
+PAIRS: tuple[Callable[[Motion, _Known], Latency | None], ...] = (
     _yaw_rate,
     _position,
     _speed,
     _longitudinal_acceleration,
     _lateral_acceleration,
 )
-
-
-def _sampled(time: Array, values: Array, grid: Array, rate: float, limit: float) -> Array:
-    return interpolate(time, low_pass(time, values, rate, limit), grid, limit)
 
 
 def _estimate(pairs: list[tuple[Array, Array]], rate: float) -> Estimate:

@@ -20,7 +20,8 @@ from ident.glossary import SIGNALS
 from ident.logs import Columns, FieldError, Log, RunPath, find_runs, open_log
 from ident.results import Damage, LogFile, Refusal, RunHealth, SignalHealth, TopicHealth
 from ident.signals.applied import AppliedFiles
-from ident.signals.channel_map import Channel, scale
+from ident.signals.channel_map import Channel, ChannelMap, scale
+from ident.signals.clocks import clock_notes
 from ident.signals.derivative import slope
 from ident.signals.health import signal_health, topic_health
 from ident.signals.latency import latencies
@@ -32,7 +33,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 AT_REFERENCE_POINT = {"position_x", "position_y", "longitudinal_velocity", "lateral_velocity"}
 
-__all__ = ["LoadedLogs", "Run", "Signal", "load_runs"]
+__all__ = ["LoadedLogs", "Run", "Signal", "load_runs", "read_run"]
 
 
 def load_runs(
@@ -110,26 +111,34 @@ def _load(path: RunPath, log: Log, applied: AppliedFiles) -> Run:
     present = [topic.name for topic in log.topics if topic.messages]
     channel_map, channels_name = applied.map_for(path, present)
     vehicle, vehicle_name = applied.vehicle_for(path)
+    run = read_run(path.name, log, channel_map, vehicle)
+    health = replace(run.health, channels=channels_name, vehicle=vehicle_name)
+    return replace(run, health=health)
+
+
+def read_run(name: str, log: Log, channel_map: ChannelMap, vehicle: Vehicle | None) -> Run:
+    """Read the signals of one log that a channel map names, and their health."""
+    present = {topic.name for topic in log.topics if topic.messages}
     damage = list(log.damage)
-    chosen = channel_map.choose(_finder(log, set(present), damage))
+    chosen = channel_map.choose(_finder(log, present, damage))
     sources, clock = _read_sources(log, chosen, damage)
     zero, end = _extent(log, chosen, sources, clock)
     signals, healths = _make_signals(chosen, sources, zero, vehicle, damage)
     health = RunHealth(
-        name=path.name,
+        name=name,
         format=log.format,
         start=_iso(zero),
         duration=(end - zero) / 1e9,
-        channels=channels_name,
-        vehicle=vehicle_name,
+        channels=channel_map.source,
+        vehicle="none",
         topics=_topic_healths(log, sources, clock, zero),
         signals=healths,
         missing=[name for name in channel_map.signals if name not in signals],
         latencies=latencies(signals, vehicle, {name: health.source for name, health in healths.items()}),
-        clocks=list(clock.notes),
+        clocks=[*clock.notes, *clock_notes({name: s.times["header"] for name, s in sources.items()}, zero)],
         damage=damage,
     )
-    return Run(path.name, zero, health.duration, signals, vehicle, health)
+    return Run(name, zero, health.duration, signals, vehicle, health)
 
 
 def _finder(log: Log, present: set[str], damage: list[Damage]) -> Callable[[Channel], bool]:
