@@ -28,6 +28,8 @@ from ident.results import Experiment, ExperimentKind, Provenance, SteeringResult
 TIMELINE = "time"
 MOST_TABS = 20
 """With more experiments than this each run has one tab, and its first so many experiments are tabs in it."""
+MOST_IN_ALL = 200
+"""So many experiments have tabs in all runs together; each run has at least one: the viewer slows down."""
 ORDER: tuple[ExperimentKind, ...] = ("step", "pulse", "sine", "other")
 ANGLES = ("request", "measured", "modelled")
 MARGIN = 0.5
@@ -109,8 +111,9 @@ def _blueprint(experiments: Sequence[Experiment], runs: dict[str, Signals]) -> r
         tabs += [_experiment_tab(one, runs[one.run], several=len(runs) > 1) for one in found]
         tabs += [_run_tab(name, signals, []) for name, signals in runs.items()]
     else:
+        most = min(MOST_TABS, max(1, MOST_IN_ALL // len(runs)))
         tabs += [
-            _run_tab(name, runs[name], [experiment for experiment in found if experiment.run == name])
+            _run_tab(name, runs[name], [experiment for experiment in found if experiment.run == name][:most])
             for name in by_interest(found, list(runs))
         ]
     tabs.append(rrb.TextDocumentView(origin="/result", name="result"))
@@ -158,7 +161,7 @@ def _run_tab(name: str, signals: Signals, experiments: Sequence[Experiment]) -> 
     title = shorten(plain(name), 40)
     if not experiments:
         return _views(name, signals, span, name=title)
-    inside = [_experiment_tab(experiment, signals, several=False) for experiment in experiments[:MOST_TABS]]
+    inside = [_experiment_tab(experiment, signals, several=False) for experiment in experiments]
     whole = _views(name, signals, span, name="whole run")
     return rrb.Tabs(whole, *inside, active_tab=0, name=title)
 
