@@ -22,6 +22,7 @@ from ident.errors import BadRecipe
 from ident.results import Provenance
 from ident.yaml_file import check, read_yaml
 
+LONGEST_LINE = 110
 _STRICT = {"extra": "forbid"}
 
 
@@ -114,7 +115,7 @@ def model_text(model: Model) -> str:
     """Write a model as YAML, leaving out the parts that it does not have."""
     yaml = YAML()
     yaml.Representer = _Representer
-    yaml.width = 100
+    yaml.width = 4096
     stream = io.StringIO()
     tree = _block({key: part for key, part in asdict(model).items() if part not in (None, {}, [])})
     tree.fa.set_block_style()
@@ -139,7 +140,7 @@ _Representer.add_representer(float, _Representer.represent_number)
 
 
 def _block(value: Any) -> Any:
-    """Lay a tree out for reading: whatever holds only numbers and text stands on one line."""
+    """Lay a tree out for reading: a list or a short mapping of only numbers and text stands on one line."""
     if isinstance(value, dict):
         present = {key: _block(inner) for key, inner in value.items() if inner is not None or _is_leaf(value)}
         laid_out: Any = CommentedMap(present)
@@ -147,7 +148,7 @@ def _block(value: Any) -> Any:
         laid_out = CommentedSeq([_block(inner) for inner in value])
     else:
         return value
-    if _is_leaf(value):
+    if _is_leaf(value) and (_is_list(value) or len(str(value)) <= LONGEST_LINE):
         laid_out.fa.set_flow_style()
     return laid_out
 

@@ -36,8 +36,13 @@ def init(logs: tuple[Path, ...], out: Path, quiet: bool) -> None:
         from ident.pipeline.init import write_guesses
 
         written = write_guesses(logs, out, progress)
-    if not quiet:
-        for path in written:
-            click.echo(f"Wrote {printable(str(path))}")
-        follow_up = ["ident", "info", *logs, "--channels", written[0], "--vehicle", written[1]]
-        click.echo(f"Check the guesses in them, then: {printable(shlex.join(map(str, follow_up)))}")
+    if quiet:
+        return
+    follow_up = ["ident", "info", *logs, "--channels", written.channels, "--vehicle", written.vehicle]
+    lines = [
+        *(f"left out: {note}" for note in written.notes),
+        f"{written.channels}: {len(written.found)} signals guessed: {', '.join(written.found)}",
+        f"{written.vehicle}: what the logs tell of the vehicle",
+        f"Check both, then: {shlex.join(map(str, follow_up))}",
+    ]
+    click.echo(printable("\n".join(lines)))

@@ -58,10 +58,9 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
         channels: tuple[str, ...],
         vehicle: Path | None,
         out: Path | None,
-        seed: int | None,
         **shown: bool,
     ) -> None:
-        command(logs, RunOptions(recipe, channels, vehicle, out, seed), Show(**shown))
+        command(logs, RunOptions(recipe, channels, vehicle, out), Show(**shown))
 
     for option in reversed(_RUN_OPTIONS):
         gathered = option(gathered)
@@ -78,7 +77,6 @@ _RUN_OPTIONS: list[Callable[[Callable[..., None]], Callable[..., None]]] = [
     ),
     click.option("--vehicle", type=_PATH, help="What is known of the vehicle (YAML)."),
     click.option("--out", type=_PATH, help="Folder of the outputs.  [default: reports/<name of the logs>]"),
-    click.option("--seed", type=click.IntRange(min=0), help="Of whatever is drawn at random."),
     click.option("--json", is_flag=True, help="Print the stage's JSON and nothing else."),
     quiet_option,
     click.option("--open", is_flag=True, help="Open the report in a browser."),

@@ -22,7 +22,6 @@ class RunOptions:
     channels: tuple[str, ...] = ()
     vehicle: Path | None = None
     out: Path | None = None
-    seed: int | None = None
 
 
 def command_line(command: str, logs: Sequence[Path], options: RunOptions) -> str:
@@ -39,5 +38,3 @@ def _arguments(options: RunOptions) -> Iterator[str]:
         yield from ("--vehicle", str(options.vehicle))
     if options.out is not None:
         yield from ("--out", str(options.out))
-    if options.seed is not None:
-        yield from ("--seed", str(options.seed))

@@ -44,7 +44,7 @@ def recipe_for(options: RunOptions) -> Recipe:
 
 def _said(options: RunOptions) -> dict[str, Any]:
     """Give the settings that the command line says, under their names in a recipe."""
-    said = {"channels": _channels(options.channels), "vehicle": options.vehicle, "seed": options.seed}
+    said = {"channels": _channels(options.channels), "vehicle": options.vehicle}
     return {name: value for name, value in said.items() if value is not None}
 
 

@@ -181,7 +181,13 @@ def _refuse_folder_of_logs(folder: Path, logs: Sequence[Path]) -> None:
     beside = {path.resolve() if path.is_dir() else path.resolve().parent for path in logs}
     if resolved in beside or _holds_log(resolved):
         raise UsageError(f"the outputs would lie beside the logs in {folder}: name another folder with --out")
-    for parent in resolved.parents:
+    refuse_inside_a_log(folder)
+
+
+def refuse_inside_a_log(folder: Path) -> None:
+    """Raise ``UsageError`` if a folder is, or lies inside, a rosbag2 folder: nothing is written there."""
+    resolved = folder.resolve()
+    for parent in (resolved, *resolved.parents):
         if (parent / "metadata.yaml").is_file() and _holds_log(parent):
             raise UsageError(f"{folder} lies inside the log {parent.name}: name another folder with --out")
 

@@ -11,9 +11,9 @@ def test_gives_the_command_that_was_asked_for() -> None:
 
 
 def test_keeps_every_option_that_changes_an_output() -> None:
-    options = RunOptions(Path("r.yaml"), ("auto", "c.yaml"), Path("v.yaml"), Path("out"), 0)
+    options = RunOptions(Path("r.yaml"), ("auto", "c.yaml"), Path("v.yaml"), Path("out"))
     assert command_line("info", [Path("a"), Path("b")], options) == (
-        "ident info a b --recipe r.yaml --channels auto --channels c.yaml --vehicle v.yaml --out out --seed 0"
+        "ident info a b --recipe r.yaml --channels auto --channels c.yaml --vehicle v.yaml --out out"
     )
 
 

@@ -52,10 +52,10 @@ def test_options_come_before_the_recipe_and_their_paths_are_relative_to_the_curr
     folder: Path,
 ) -> None:
     text = "vehicle: v.yaml\nchannels: c.yaml\nseed: 1\nalign: {rate: 50 Hz}\n"
-    recipe = read(folder, text, vehicle=Path("w.yaml"), channels=("d.yaml", "e.yaml"), seed=9)
+    recipe = read(folder, text, vehicle=Path("w.yaml"), channels=("d.yaml", "e.yaml"))
     assert recipe.vehicle == Path("w.yaml")
     assert recipe.channels == [Path("d.yaml"), Path("e.yaml")]
-    assert (recipe.seed, recipe.align.rate) == (9, 50.0)
+    assert (recipe.seed, recipe.align.rate) == (1, 50.0)
     assert read(folder, text, channels=("auto",)).channels == "auto"
     with pytest.raises(UsageError, match="--channels auto with 1 more"):
         recipe_for(RunOptions(channels=("auto", "c.yaml")))

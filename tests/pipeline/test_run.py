@@ -94,12 +94,12 @@ def test_the_report_and_the_recording_are_drawn_from_what_is_stored(fake: FakeSt
 
 
 def test_the_model_says_what_it_was_made_from(fake: FakeStage) -> None:
-    model = Store(go(RunOptions(seed=4)).json.parent).read_model()
+    model = Store(go(RunOptions(out=Path("o"))).json.parent).read_model()
     assert model.steering is not None
     assert model.steering.dead_time.value == 0.1
     assert (model.provenance["info"].seed, model.provenance["info"].command) == (
-        4,
-        "ident info my_logs --seed 4",
+        0,
+        "ident info my_logs --out o",
     )
 
 
