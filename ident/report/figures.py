@@ -41,7 +41,7 @@ class Panel:
     categories : labels of the y axis at 0, 1, 2, …, in place of numbers
     marks : shapes under the lines, as ``band`` and ``level`` make them
     x_ticks : whether the x axis has labels; without them where the panel below has the same axis
-    ticks : how many labels an axis has at most
+    ticks : how many labels the x and the y axis have at most
     """
 
     title: str
@@ -53,7 +53,7 @@ class Panel:
     categories: Sequence[str] | None = None
     marks: Sequence[dict[str, Any]] = ()
     x_ticks: bool = True
-    ticks: int = 7
+    ticks: tuple[int, int] = (7, 7)
 
 
 @dataclass(frozen=True)
@@ -312,7 +312,7 @@ def _axis(title: str, domain: list[float], anchor: str) -> dict[str, Any]:
 
 def _x_axis(panel: Panel, place: str, box: _Box) -> dict[str, Any]:
     axis = _axis(panel.x, [box.left, box.right], f"y{place}")
-    axis["nticks"] = panel.ticks
+    axis["nticks"] = panel.ticks[0]
     axis["tickangle"] = 0
     if panel.x_range:
         axis["range"] = list(panel.x_range)
@@ -323,7 +323,7 @@ def _x_axis(panel: Panel, place: str, box: _Box) -> dict[str, Any]:
 
 def _y_axis(panel: Panel, place: str, box: _Box) -> dict[str, Any]:
     axis = _axis(panel.y, [box.bottom, box.top], f"x{place}")
-    axis["nticks"] = panel.ticks
+    axis["nticks"] = panel.ticks[1]
     if panel.y_range:
         axis["range"] = list(panel.y_range)
     if panel.categories is not None:

@@ -87,6 +87,8 @@ def percent(share: float | None) -> str:
     if share is None or not math.isfinite(share):
         return NONE
     places = 4 if 0.9999 <= share < 1 else 2
+    if 1 - 5e-7 <= share < 1:
+        return "> 99.9999\u00a0%"
     return f"{fixed(share * 100, places)}\u00a0%"
 
 

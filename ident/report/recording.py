@@ -30,7 +30,7 @@ MOST_TABS = 20
 """With more experiments than this each run has one tab, and its first so many experiments are tabs in it."""
 MOST_IN_ALL = 200
 """So many experiments have tabs in all runs together; each run has at least one: the viewer slows down."""
-ORDER: tuple[ExperimentKind, ...] = ("step", "pulse", "sine", "other")
+RANK: dict[ExperimentKind, int] = {"step": 0, "pulse": 0, "sine": 1, "other": 2}
 ANGLES = ("request", "measured", "modelled")
 MARGIN = 0.5
 """Shown before and after an experiment [s]."""
@@ -46,10 +46,13 @@ def write_recording(path: Path, result: SteeringResult, tables: Mapping[str, pd.
     runs = signals_of(tables["steering"], tables["steering_request"])
     recording = rr.RecordingStream("ident", recording_id=recording_id(result.provenance))
     recording.save(path)
+    recording.send_blueprint(_blueprint(result.experiments, runs), make_active=True, make_default=True)
+    recording.log("result", rr.TextDocument(describe_steering(result)), static=True, strict=True)
+    for name in runs:
+        _log_styles(recording, name)
+    recording.flush()  # layout and colours stand before the data, so that a viewer has them from the start
     for name, signals in runs.items():
         _send_run(recording, name, signals)
-    recording.log("result", rr.TextDocument(describe_steering(result)), static=True, strict=True)
-    recording.send_blueprint(_blueprint(result.experiments, runs), make_active=True, make_default=True)
     recording.flush()
     recording.disconnect()
 
@@ -65,31 +68,30 @@ def origin(run: str) -> str:
     return f"/{rr.escape_entity_path_part(plain(run) or 'run')}"
 
 
-def _send_run(recording: rr.RecordingStream, name: str, signals: Signals) -> None:
-    request = broken(
-        signals.request_time,
-        signals.request,
-        contiguous(signals.request_time, signals.request_part.astype(np.int64)),
-    )
+def _log_styles(recording: rr.RecordingStream, run: str) -> None:
+    for role in (*ANGLES, "residual"):
+        style = rr.SeriesLines(
+            colors=[_rgb(DARK[role])],
+            names=f"{role} [rad]",
+            widths=2.5 if role == "measured" else 1.5,
+            interpolation_mode=rr.components.InterpolationMode.StepAfter if role == "request" else None,
+        )
+        recording.log(f"{origin(run)}/{role}", style, static=True, strict=True)
+
+
+def _send_run(recording: rr.RecordingStream, run: str, signals: Signals) -> None:
+    stretches = contiguous(signals.request_time, signals.request_part.astype(np.int64))
+    _send(recording, f"{origin(run)}/request", broken(signals.request_time, signals.request, stretches))
     stretches = contiguous(signals.time, signals.part.astype(np.int64))
-    root = origin(name)
-    _send(recording, f"{root}/request", request, "request", held=True)
     for role, values in (
         ("measured", signals.measured),
         ("modelled", signals.modelled),
         ("residual", signals.measured - signals.modelled),
     ):
-        _send(recording, f"{root}/{role}", broken(signals.time, values, stretches), role)
+        _send(recording, f"{origin(run)}/{role}", broken(signals.time, values, stretches))
 
 
-def _send(recording: rr.RecordingStream, entity: str, line: Line, role: str, *, held: bool = False) -> None:
-    style = rr.SeriesLines(
-        colors=[_rgb(DARK[role])],
-        names=f"{role} [rad]",
-        widths=2.5 if role == "measured" else 1.5,
-        interpolation_mode=rr.components.InterpolationMode.StepAfter if held else None,
-    )
-    recording.log(entity, style, static=True, strict=True)
+def _send(recording: rr.RecordingStream, entity: str, line: Line) -> None:
     if line.time.size:
         rr.send_columns(
             entity,
@@ -128,8 +130,8 @@ def _blueprint(experiments: Sequence[Experiment], runs: dict[str, Signals]) -> r
 
 
 def ordered(experiments: Sequence[Experiment]) -> list[Experiment]:
-    """Sort experiments: those in use first, then steps, pulses, sines, others, each in their order."""
-    return sorted(experiments, key=lambda found: (not found.used_by, ORDER.index(found.kind)))
+    """Sort experiments: those in use first, then steps and pulses, sines, others, each in their order."""
+    return sorted(experiments, key=lambda found: (not found.used_by, RANK[found.kind]))
 
 
 def by_interest(experiments: Sequence[Experiment], runs: Sequence[str]) -> list[str]:

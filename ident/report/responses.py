@@ -70,7 +70,12 @@ class Signals:
 
 
 def signals_of(steering: pd.DataFrame, request: pd.DataFrame) -> dict[str, Signals]:
-    """Split the tables ``steering`` and ``steering_request`` into runs."""
+    """Split the tables ``steering`` and ``steering_request`` into runs.
+
+    A request marked ``lost`` was not logged but assumed by the fit; it is left out.
+    """
+    if "lost" in request:
+        request = request[~request["lost"].astype(bool)]
     requests = dict(tuple(request.groupby("run", sort=False)))
     none = request.iloc[:0]
     return {
@@ -101,16 +106,14 @@ def step_groups(
 
     Parameters
     ----------
-    experiments : all that were found; those that nothing uses are left out, unless none is used
+    experiments : all that were found; left out are those that nothing uses, unless none is used, and
+        those whose beginning is not in the log, which have no common zero of time with the others
     runs : as ``signals_of`` gives them
     total_lag : of the model [s], from which the length shown follows
     most : responses drawn in one group, evenly chosen
     """
-    steps = [
-        step
-        for step in _used(experiments, ("step", "pulse"), runs)
-        if step.amplitude and _before(step) is not None
-    ]
+    steps = [step for step in _used(experiments, ("step", "pulse"), runs) if step.amplitude]
+    steps = [step for step in steps if _before(step) is not None and _begins_in_log(step, runs[step.run])]
     steps.sort(key=lambda step: abs(step.amplitude or 0.0))
     groups: list[list[Experiment]] = []
     for step in steps:
@@ -138,6 +141,16 @@ def _before(step: Experiment) -> float | None:
     return None
 
 
+def _begins_in_log(step: Experiment, signals: Signals) -> bool:
+    """Say whether the request before the step was logged, without a gap between."""
+    index = int(np.searchsorted(signals.request_time, step.start - 1e-9))
+    if signals.request_time.size == 0:
+        return True
+    return 0 < index < signals.request_time.size and bool(
+        signals.request_part[index - 1] == signals.request_part[index]
+    )
+
+
 def _step_group(group: list[Experiment], runs: dict[str, Signals], length: float, most: int) -> Group:
     size = float(np.median([abs(step.amplitude or 0.0) for step in group]))
     longest = max(step.end - step.start for step in group)
@@ -146,7 +159,8 @@ def _step_group(group: list[Experiment], runs: dict[str, Signals], length: float
     for index in evenly(len(group), most):
         step = group[index]
         sign, level = np.sign(step.amplitude or 1.0), _before(step) or 0.0
-        cut = cut_out(runs[step.run], step.start - LEAD * length, step.start + length, zero=step.start)
+        end = min(step.start + length, step.end)
+        cut = cut_out(runs[step.run], step.start - LEAD * length, end, zero=step.start)
         request, measured, modelled = (Line(line.time, sign * (line.value - level)) for line in cut[:3])
         residual = Line(cut.residual.time, sign * cut.residual.value)
         responses.append(Response(request, measured, modelled, residual))
@@ -192,7 +206,8 @@ def other_groups(
 def cut_out(signals: Signals, begin: float, end: float, *, zero: float) -> Response:
     """Cut begin … end [s] out of a run, its time counted from ``zero``; gaps break the lines.
 
-    The request begins with the value held at ``begin`` and ends with that held at ``end``.
+    The request begins with the value held at ``begin`` and ends with that held until ``end``, what is
+    sent at ``end`` not among it: that is the next step.
     """
     inside = (signals.time >= begin) & (signals.time <= end)
     time, part = signals.time[inside], signals.part[inside].astype(np.int64)
@@ -209,7 +224,7 @@ def cut_out(signals: Signals, begin: float, end: float, *, zero: float) -> Respo
 def _held(signals: Signals, begin: float, end: float, zero: float) -> Line:
     """Cut a held signal: the sample before ``begin`` still counts if it is of the same part."""
     first = max(int(np.searchsorted(signals.request_time, begin, side="right")) - 1, 0)
-    last = int(np.searchsorted(signals.request_time, end, side="right"))
+    last = int(np.searchsorted(signals.request_time, end, side="left"))
     time, values = signals.request_time[first:last], signals.request[first:last]
     stretches = contiguous(time, signals.request_part[first:last].astype(np.int64))
     if stretches and stretches[0] == slice(0, 1) and time[0] < begin:
@@ -224,4 +239,4 @@ def whole_run(signals: Signals) -> Response:
     """Give a whole run with its gaps."""
     begin = min(signals.time[:1].tolist() + signals.request_time[:1].tolist(), default=0.0)
     end = max(signals.time[-1:].tolist() + signals.request_time[-1:].tolist(), default=0.0)
-    return cut_out(signals, begin, end, zero=0.0)
+    return cut_out(signals, begin, float(np.nextafter(end, np.inf)), zero=0.0)

@@ -80,6 +80,32 @@ def test_shows_five_total_lags_and_a_little_before(ramp):
     assert time[-1] == pytest.approx(1.0, abs=0.011)
 
 
+def test_a_step_ends_where_the_next_begins_and_what_is_sent_there_is_not_drawn(ramp):
+    (group,) = responses.step_groups([replace(step(2.0, 0.5), end=2.2)], ramp, total_lag=0.2)
+    (response,) = group.responses
+    assert response.measured.time[-1] == pytest.approx(0.2)
+    assert response.request.time[-1] == pytest.approx(0.2)
+    assert response.request.value[-1] == 109.0 - 1.0
+
+
+def test_a_step_that_began_before_the_log_or_in_a_gap_is_left_out():
+    measured, request = tables(np.zeros(1000), np.zeros(500))
+    request = request[request["time"] > 1.0].reset_index(drop=True)
+    request["part"] = (request["time"] > 5.0).astype(int)
+    runs = responses.signals_of(measured, request)
+    first, gapped, logged = 1.02, request["time"][request["part"] == 1].iloc[0], 3.0
+    steps = [step(start, 0.5) for start in (first, gapped, logged)]
+    assert [group.found for group in responses.step_groups(steps, runs, total_lag=0.2)] == [1]
+
+
+def test_a_request_that_was_only_assumed_is_not_drawn():
+    measured, request = tables(np.zeros(1000), np.arange(500.0))
+    request["lost"] = request["time"] == request["time"][100]
+    signals = responses.signals_of(measured, request)["a"]
+    assert signals.request.size == 499
+    assert 100.0 not in signals.request
+
+
 def test_groups_steps_of_equal_size_whatever_their_sign(ramp):
     steps = [step(1.0, 0.5), step(2.0, -0.51), step(3.0, 1.0), step(4.0, 0.2)]
     groups = responses.step_groups(steps, ramp, total_lag=0.2)

@@ -53,10 +53,8 @@ def choose_first(groups: Sequence[responses.Group], total_lag: float | None) -> 
 def more_responses(groups: Sequence[responses.Group], title: str) -> list[Figure]:
     """Draw groups of one sort, four side by side."""
     fours = [groups[start : start + PANELS_FIRST] for start in range(0, len(groups), PANELS_FIRST)]
-    return [
-        _responses(four, title if index == 0 else f"{title}, continued", height=330)
-        for index, four in enumerate(fours)
-    ]
+    named = [title if index == 0 else f"{title}, continued" for index in range(len(fours))]
+    return [_responses(four, name, height=330) for four, name in zip(fours, named, strict=True)]
 
 
 def _responses(groups: Sequence[responses.Group], title: str, *, height: int, left: int = 0) -> Figure:
@@ -90,7 +88,7 @@ def residual_panel(group: responses.Group) -> figures.Panel:
     lines = [Line(item.residual.time, item.residual.value * 1e3) for item in group.responses]
     trace = figures.line(_joined(lines), "residual", "residual", unit="mrad", width=1.0)
     x = TIME_OF_STEP if group.kind in STEP_KINDS else TIME_OF_SINE if group.kind == "sine" else TIME_OF_RUN
-    return figures.Panel("", [trace], x=x, y="residual [mrad]", ticks=4)
+    return figures.Panel("", [trace], x=x, y="residual [mrad]", ticks=(7, 4))
 
 
 def _joined(lines: Sequence[Line]) -> Line:
@@ -157,7 +155,7 @@ def _parameter_panel(result: SteeringResult, fits: Sequence[RunFit], index: int)
         x_range=shown_range(np.vstack([own, common])),
         categories=[shorten(fit.run, 26) for fit in fits] if index == 0 else [""] * len(fits),
         marks=marks,
-        ticks=4,
+        ticks=(4, 7),
     )
 
 
@@ -270,8 +268,8 @@ def whole_run(signals: responses.Signals, runs: int) -> Figure:
     ]
     below = [figures.line(drawn[3], "residual", "residual", unit="mrad", width=1.1)]
     panels = [
-        figures.Panel("", angles, x="", y="angle [rad]", x_ticks=False, ticks=14),
-        figures.Panel("", below, x=TIME_OF_RUN, y="residual [mrad]", ticks=14),
+        figures.Panel("", angles, x="", y="angle [rad]", x_ticks=False, ticks=(14, 7)),
+        figures.Panel("", below, x=TIME_OF_RUN, y="residual [mrad]", ticks=(14, 5)),
     ]
     layout = figures.Layout(columns=1, row_height=210, share_x=True, row_shares=(1.6, 1.0))
     spec, height = figures.grid(panels, layout)

@@ -119,12 +119,14 @@ def by_run(result: SteeringResult) -> Table:
         Column("excitation"),
         Column("samples", "number"),
         Column("VAF", "number"),
-        Column("VAF, own fit", "number"),
         Column("RMS error [mrad]", "number"),
         *[Column(_head(parameter.symbol, parameter.field), "number") for parameter in shown],
     ]
     rows = [_run_row(fit, [parameter.field for parameter in shown]) for fit in result.by_run]
-    notes = ["VAF and RMS error: of the common model on that run", "parameters: fitted to that run alone"]
+    notes = [
+        "VAF and RMS error: of the common model on that run; below, VAF of its own fit",
+        "parameters: fitted to that run alone",
+    ]
     return Table(columns, rows, notes=notes, download="fits_by_run.csv", scroll=len(rows) > 15)
 
 
@@ -133,12 +135,12 @@ def _head(symbol: str, field: str) -> str:
 
 
 def _run_row(fit: RunFit, fields: Sequence[str]) -> list[Cell]:
+    own = None if fit.vaf_own is None else f"own fit {percent(fit.vaf_own)}"
     row = [
         Cell(fit.run, detail=fit.reason),
         Cell(", ".join(fit.excitation)),
         Cell(str(fit.samples)),
-        Cell(percent(fit.vaf), raw=fit.vaf),
-        Cell(percent(fit.vaf_own), raw=fit.vaf_own),
+        Cell(percent(fit.vaf), raw=fit.vaf, detail=own),
         Cell(significant(fit.rms_error * 1e3), raw=fit.rms_error),
     ]
     if fit.model is None:
