@@ -6,7 +6,9 @@ rho = 1/4 is critical damping, larger is underdamped, zero is first order, and t
 through all of it. Local to a record are
 
 * the initial angle and rate of the output;
-* the command before the first recorded one, which still acts during the first L seconds;
+* the command before the first recorded one, which still acts during the first L seconds, as its distance from
+  the initial angle: where the output was at rest, both this and the rate are zero within what rest means
+  (prior: the tolerance of the test for rest);
 * how much earlier than its stamp the first recorded command took effect (prior: its period / sqrt 3, the
   root mean square of "at most one sample");
 * the value of each command message that the log has lost, where the command was changing.
@@ -34,6 +36,7 @@ LARGEST_RATIO = 25.0  # rho: damping ratio 0.1
 DEAD_TIME_RANGE = (-0.2, 2.0)  # [s]
 SUM_RANGE = (1e-3, 20.0)  # [s]
 FIXED_LOCALS = 4
+REST_LAG = 0.5  # [s] by which an output that creeps at some rate is behind its command
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,9 @@ class ActuatorRecord:
     lost : indices of the commands whose value the log has lost
     start_uncertainty : root mean square of how early the first command may have been [s]; infinite where
         nothing is known of it
-    at_rest : whether the output was at rest when the record began; where it was not, the first samples, up to
-        the dead time, answer to commands that nobody knows, see :func:`without_unknown_head`
+    rest_rate : standard deviation of the rate that an output "at rest" may have had when the record began
+        [rad/s]; infinite where it was not at rest: the first samples, up to the dead time, then answer to
+        commands that nobody knows, see :func:`without_unknown_head`
     """
 
     run: int
@@ -59,7 +63,7 @@ class ActuatorRecord:
     starts: NDArray[np.intp]
     lost: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     start_uncertainty: float = 0.0
-    at_rest: bool = True
+    rest_rate: float = np.inf
 
     @property
     def first(self) -> float:
@@ -69,7 +73,7 @@ class ActuatorRecord:
 
 def without_unknown_head(record: ActuatorRecord, dead_time: float) -> ActuatorRecord:
     """Leave out the samples that answer to commands before a record that did not begin at rest."""
-    if record.at_rest:
+    if np.isfinite(record.rest_rate):
         return record
     begin = int(np.searchsorted(record.times, record.command_times[0] + dead_time))
     starts = np.unique(np.append(0, record.starts[record.starts >= begin] - begin)).astype(np.intp)
@@ -79,10 +83,10 @@ def without_unknown_head(record: ActuatorRecord, dead_time: float) -> ActuatorRe
 class ActuatorProblem:
     """The records of all runs with the model (2.25) as an output-error problem."""
 
-    def __init__(self, records: Sequence[ActuatorRecord]) -> None:
-        """Take the records: at least one, each with at least one sample."""
+    def __init__(self, records: Sequence[ActuatorRecord], runs: int | None = None) -> None:
+        """Take the records: at least one, each with at least one sample, of ``runs`` runs in all."""
         self.records = list(records)
-        self.runs = 1 + max(record.run for record in records)
+        self.runs = 1 + max(record.run for record in records) if runs is None else runs
 
     def inside(self, shared: Array) -> Array:
         """Clip to the physical region."""
@@ -99,10 +103,9 @@ class ActuatorProblem:
 
     @staticmethod
     def _local_start(record: ActuatorRecord, shared: Array) -> Array:
-        before = shared[GAIN] * record.first
         lost = shared[GAIN] * record.command_values[record.lost]
         angle = record.measured[0] - shared[BIAS + record.run]
-        return np.concatenate([[angle, 0.0, before, 0.0], lost])
+        return np.concatenate([[angle, 0.0, 0.0, 0.0], lost])
 
     def linearise(self, shared: Array, local: Sequence[Array]) -> list[Linearised]:
         """Residual and exact derivatives of every record."""
@@ -117,7 +120,8 @@ class ActuatorProblem:
     def _linearise(self, record: ActuatorRecord, shared: Array, local: Array) -> Linearised:
         gain, dead_time, a1, ratio = shared[:BIAS]
         a2 = ratio * a1**2
-        angle, rate, before, shift = local[:FIXED_LOCALS]
+        angle, rate, ahead, shift = local[:FIXED_LOCALS]
+        before = angle + ahead
         values, times = self._drive(record, gain, before, shift, local[FIXED_LOCALS:])
         response = held_response(
             dead_time, a1, a2, times, values, record.times, initial_angle=angle, initial_rate=rate
@@ -135,9 +139,13 @@ class ActuatorProblem:
         jacobian[:, BIAS + record.run] = 1.0
         residual = record.measured - response[:, 0] - shared[BIAS + record.run]
         prior = np.full(local.size, np.inf)
-        prior[3] = max(record.start_uncertainty, 1e-9)
+        prior[1:FIXED_LOCALS] = (
+            record.rest_rate,
+            record.rest_rate * REST_LAG,
+            max(record.start_uncertainty, 1e-9),
+        )
         left = np.zeros(local.size)
-        left[3] = -shift
+        left[1:FIXED_LOCALS] = -local[1:FIXED_LOCALS]
         return Linearised(record.times, residual, jacobian, columns, record.starts, prior, left)
 
     @staticmethod
@@ -169,7 +177,7 @@ class ActuatorProblem:
             - step_response(a1, a2, record.times - ends[i + 1] - dead_time)
             for i in record.lost
         ]
-        return np.column_stack([free[0], free[1], unknown, earlier, *lost])
+        return np.column_stack([free[0] + unknown, free[1], unknown, earlier, *lost])
 
 
 def _drive_at_start(times: Array, values: Array, dead_time: float, now: float) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.errors import NotIdentifiable
-from ident.estimation.actuator_fit import ActuatorFit, fit_actuator
+from ident.estimation.actuator_fit import ActuatorFit, fit_actuator, fit_roughly
 from ident.estimation.actuator_likelihood import BIAS, DEAD_TIME, ActuatorRecord, without_unknown_head
 
 Array = NDArray[np.float64]
@@ -102,7 +102,7 @@ def _common(
     """Two passes, then a third where a start was hidden."""
     jitter = max(run.jitter for run in runs)
     records, _ = _usable(runs, FIRST_DEAD_TIME)
-    first = fit_actuator(records, jitter=jitter)
+    first = fit_roughly(records)
     dead_time = _longest_dead_time(first)
     records, places = _usable(runs, dead_time)
     fit = fit_actuator(records, start=first.fit.shared, jitter=jitter)
@@ -113,7 +113,7 @@ def _common(
             replace(record, start_uncertainty=np.inf) if place in late else record
             for record, place in zip(records, places, strict=True)
         ]
-        fit = fit_actuator(records, start=fit.fit.shared, jitter=jitter)
+        fit = fit_actuator(records, start=fit.fit.shared, jitter=jitter, shape=fit.fit.noise.shape)
         hidden = [HiddenStart(h.run, h.record, _early(fit, places.index((h.run, h.record)))) for h in hidden]
     return fit, places, hidden
 
@@ -159,11 +159,10 @@ def _alone(run: RunRecords, common: ActuatorFit) -> ActuatorFit | str:
     """Fit one run, beginning with the common model."""
     try:
         records, _ = _usable([run], _longest_dead_time(common))
-        start = np.append(common.fit.shared[:BIAS], 0.0)
-        fit = fit_actuator(records, start=start, jitter=run.jitter)
-        if fit.vaf < POOR_VAF:
-            searched = fit_actuator(records, jitter=run.jitter)
-            fit = max(fit, searched, key=lambda one: one.vaf)
+        start = None if common.misfit else np.append(common.fit.shared[:BIAS], 0.0)
+        fit = fit_actuator(records, start=start, jitter=run.jitter, shape=common.fit.noise.shape)
+        if start is not None and fit.misfit:
+            fit = max(fit, fit_actuator(records, jitter=run.jitter), key=lambda one: one.vaf)
     except NotIdentifiable as error:
         return str(error)
     return fit

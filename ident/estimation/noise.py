@@ -12,12 +12,13 @@ Whitening is exact: the first samples after a start are weighted by their statio
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_discrete_lyapunov, solve_triangular
-from scipy.signal import lfilter
+from scipy.linalg import solve_discrete_lyapunov
 
 Array = NDArray[np.float64]
 
@@ -70,6 +71,36 @@ class NoiseShape(Protocol):
         ...
 
 
+@numba.njit(
+    "void(float64[:, ::1], int64[::1], float64[::1], float64[:, ::1], float64[:, ::1])",
+    cache=True,
+    error_model="numpy",
+)
+def _filter(
+    columns: Array, starts: NDArray[np.int64], coefficients: Array, initial: Array, white: Array
+) -> None:
+    """AR filter that restarts; the first samples are whitened by ``initial``, the inverse of their factor."""
+    order = coefficients.size
+    rows, width = columns.shape
+    block = 0
+    begin = 0
+    for k in range(rows):
+        if block + 1 < starts.size and k == starts[block + 1]:
+            block += 1
+            begin = k
+        head = k - begin
+        for j in range(width):
+            value = 0.0
+            if head < order:
+                for i in range(head + 1):
+                    value += initial[head, i] * columns[begin + i, j]
+            else:
+                value = columns[k, j]
+                for i in range(order):
+                    value -= coefficients[i] * columns[k - 1 - i, j]
+            white[k, j] = value
+
+
 @dataclass(frozen=True)
 class AutoRegression:
     """AR(p) noise on the sample index; ``coefficients`` (p,) a_1 ... a_p, none for white noise."""
@@ -81,16 +112,16 @@ class AutoRegression:
         order = self.coefficients.size
         if order == 0:
             return columns
-        white = np.empty_like(columns)
-        taps = np.concatenate([[1.0], -self.coefficients])
-        # In the order of time the covariance is the same read backwards.
-        initial = np.linalg.cholesky(self.stationary_covariance()[::-1, ::-1])
-        for begin, end in record.blocks():
-            block = columns[begin:end]
-            white[begin:end] = lfilter(taps, [1.0], block, axis=0)
-            head = min(order, end - begin)
-            white[begin : begin + head] = solve_triangular(initial[:head, :head], block[:head], lower=True)
+        white = np.empty_like(columns, order="C")
+        _filter(np.ascontiguousarray(columns), record.starts, self.coefficients, self._initial_inverse, white)
         return white
+
+    @cached_property
+    def _initial_inverse(self) -> Array:
+        """Inverse factor of the covariance of the first samples, in the order of time: it, read backwards."""
+        return np.ascontiguousarray(
+            np.linalg.inv(np.linalg.cholesky(self.stationary_covariance()[::-1, ::-1]))
+        )
 
     def total_over_innovations(self) -> float:
         """See :class:`NoiseShape`."""

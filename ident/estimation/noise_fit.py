@@ -16,11 +16,10 @@ then cost no pass over the data. Columns that only one record has ("local") are 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize, minimize_scalar
 
 from ident.estimation.noise import AutoRegression, ContinuousAr1, Linearised, NoiseShape
@@ -29,7 +28,9 @@ Array = NDArray[np.float64]
 
 HIGHEST_ORDER = 6
 PATIENCE = 2  # orders without a better criterion after which the search ends
-RIDGE = 1e-12
+RIDGE = 1e-9  # of each diagonal element of a Gram matrix
+ROUNDING = 1e-14
+RANK_TOLERANCE = 1e-6
 FLAT = 1e-3  # slope of -2 log L at which the search ends
 SHORTEST_CORRELATION = 0.05  # of the median sampling interval: white
 LONGEST_CORRELATION = 500.0  # of the median sampling interval
@@ -37,15 +38,33 @@ LONGEST_CORRELATION = 500.0  # of the median sampling interval
 
 @dataclass(frozen=True)
 class _Products:
-    """Lagged products of one record's columns: (p + 1, p + 1, c, c), with rows after the first p."""
+    """Lagged products of the columns of several records alike in width, rows after the first p only.
+
+    lagged : (records, p + 1, p + 1, c, c)
+    local : how many of the c columns are local
+    """
 
     lagged: Array
     local: int
-    ridge: Array
+
+    def cut(self, order: int) -> _Products:
+        """Give the same for a lower order, on the same rows."""
+        return _Products(self.lagged[:, : order + 1, : order + 1], self.local)
 
 
-def _lagged_products(record: Linearised, order: int) -> tuple[_Products, int]:
-    columns = record.columns()
+def _all_products(records: Sequence[Linearised], order: int) -> tuple[list[_Products], int]:
+    """Products of all records, those of one width together, and how many rows went into them."""
+    by_width: dict[int, list[Array]] = {}
+    rows = 0
+    for record in records:
+        local = _basis(record.local)
+        lagged, count = _lagged(np.column_stack([local, record.shared, record.residual]), record, order)
+        by_width.setdefault(local.shape[1], []).append(lagged)
+        rows += count
+    return [_Products(np.stack(lagged), local) for local, lagged in by_width.items()], rows
+
+
+def _lagged(columns: Array, record: Linearised, order: int) -> tuple[Array, int]:
     width = columns.shape[1]
     lagged = np.zeros((order + 1, order + 1, width, width))
     rows = 0
@@ -57,9 +76,14 @@ def _lagged_products(record: Linearised, order: int) -> tuple[_Products, int]:
         stacked = np.column_stack([block[order - i : len(block) - i] for i in range(order + 1)])
         product = stacked.T @ stacked
         lagged += product.reshape(order + 1, width, order + 1, width).transpose(0, 2, 1, 3)
-    local = record.local.shape[1]
-    diagonal = np.diag(lagged[0, 0])[:local]
-    return _Products(lagged, local, RIDGE * diagonal + np.finfo(float).tiny), rows
+    return lagged, rows
+
+
+def _basis(local: Array) -> Array:
+    """(n, r) orthonormal columns that span the same space, without directions that are hardly there."""
+    scale = np.linalg.norm(local, axis=0)
+    left, size, _ = np.linalg.svd(local[:, scale > 0] / scale[scale > 0], full_matrices=False)
+    return np.asarray(left[:, size > RANK_TOLERANCE * size.max(initial=0.0)])
 
 
 class _RestrictedLikelihood:
@@ -68,52 +92,63 @@ class _RestrictedLikelihood:
     def __init__(self, products: Sequence[_Products], rows: int, shared: int) -> None:
         """Take the lagged products, which hold rows after the first p of each block only."""
         self.products = products
-        self.freedom = max(1, rows - shared - sum(p.local for p in products))
+        self.freedom = max(1, rows - shared - sum(p.local * len(p.lagged) for p in products))
 
     def __call__(self, coefficients: Array) -> tuple[float, Array]:
         phi = np.concatenate([[1.0], -coefficients])
-        order = coefficients.size
-        logdet = 0.0
-        slope = np.zeros(order)
-        reduced: Array | float = 0.0
-        reduced_slopes: list[Array | float] = [0.0] * order
+        logdet, slope = 0.0, np.zeros(coefficients.size)
+        width = self.products[0].lagged.shape[-1] - self.products[0].local
+        reduced, reduced_slopes = np.zeros((width, width)), np.zeros((coefficients.size, width, width))
         for product in self.products:
-            matrix = np.einsum("i,j,ijab->ab", phi, phi, product.lagged)
-            slopes = [-(half + half.T) for half in np.einsum("j,ijab->iab", phi, product.lagged[1:])]
-            cut = product.local
-            if cut:
-                matrix[range(cut), range(cut)] += product.ridge
-                factor = cho_factor(matrix[:cut, :cut], lower=True)
-                across = -cho_solve(factor, matrix[:cut, cut:])
-                lift = np.vstack([across, np.eye(matrix.shape[0] - cut)])
-                logdet += 2 * float(np.log(np.diag(factor[0])).sum())
-                for i, d in enumerate(slopes):
-                    slope[i] += float(np.trace(cho_solve(factor, d[:cut, :cut])))
-                    reduced_slopes[i] = reduced_slopes[i] + lift.T @ d @ lift
-                reduced = reduced + matrix[cut:, cut:] + matrix[cut:, :cut] @ across
-            else:
-                reduced = reduced + matrix
-                for i, d in enumerate(slopes):
-                    reduced_slopes[i] = reduced_slopes[i] + d
-        return self._finish(np.asarray(reduced), reduced_slopes, logdet, slope)
+            matrix = np.einsum("i,j,rijab->rab", phi, phi, product.lagged, optimize=True)
+            half = np.einsum("j,rijab->irab", phi, product.lagged[:, 1:], optimize=True)
+            slopes = -(half + half.swapaxes(-1, -2))
+            floor = ROUNDING * float(np.abs(phi).sum()) ** 2 * product.lagged[:, 0, 0]
+            own, change, schur, lift = _eliminated(matrix, floor, slopes, product.local)
+            logdet += own
+            slope += change
+            reduced += schur.sum(axis=0)
+            reduced_slopes += np.einsum("rab,irac,rcd->ibd", lift, slopes, lift, optimize=True)
+        return self._finish(reduced, reduced_slopes, logdet, slope)
 
     def _finish(
-        self, reduced: Array, reduced_slopes: Sequence[Array | float], logdet: float, slope: Array
+        self, reduced: Array, reduced_slopes: Array, logdet: float, slope: Array
     ) -> tuple[float, Array]:
         """Eliminate the shared columns; what is left is the residual sum of squares."""
-        cut = reduced.shape[0] - 1
-        inner = reduced[:cut, :cut] + np.diag(RIDGE * np.diag(reduced)[:cut] + np.finfo(float).tiny)
-        factor = cho_factor(inner, lower=True)
-        solution = cho_solve(factor, reduced[:cut, cut])
-        rss = float(reduced[cut, cut] - reduced[cut, :cut] @ solution)
-        rss = max(rss, np.finfo(float).tiny)
-        logdet += 2 * float(np.log(np.diag(factor[0])).sum())
-        lift = np.concatenate([-solution, [1.0]])
-        for i, d in enumerate(reduced_slopes):
-            matrix = np.asarray(d)
-            slope[i] += float(np.trace(cho_solve(factor, matrix[:cut, :cut])))
-            slope[i] += self.freedom / rss * float(lift @ matrix @ lift)
-        return self.freedom * np.log(rss) + logdet, slope
+        own, change, schur, lift = _eliminated(
+            reduced[None], ROUNDING * np.abs(reduced)[None], reduced_slopes[:, None], reduced.shape[0] - 1
+        )
+        rss = max(float(schur[0, 0, 0]), np.finfo(float).tiny)
+        along = np.einsum("ab,iac,cd->i", lift[0], reduced_slopes, lift[0], optimize=True)
+        value = self.freedom * np.log(rss) + logdet + own
+        return value, slope + change + self.freedom / rss * along
+
+
+def _eliminated(matrix: Array, floor: Array, slopes: Array, cut: int) -> tuple[float, Array, Array, Array]:
+    """Eliminate the first ``cut`` columns of each Gram matrix.
+
+    matrix : (r, c, c); floor : (r, c, c) of which the diagonal is the rounding error of the matrix's
+    slopes : (p, r, c, c) derivatives of the matrices
+
+    Returns
+    -------
+    log determinants of the first blocks, summed; its p derivatives; the (r, c - cut, c - cut) Schur
+    complements; the (r, c, c - cut) maps that take a vector of the rest to the whole
+    """
+    count, width = matrix.shape[0], matrix.shape[1]
+    rest = np.broadcast_to(np.eye(width - cut), (count, width - cut, width - cut))
+    if cut == 0:
+        return 0.0, np.zeros(len(slopes)), matrix, np.asarray(rest)
+    inner = matrix[:, :cut, :cut].copy()
+    diagonal = np.arange(cut)
+    inner[:, diagonal, diagonal] *= 1 + RIDGE
+    inner[:, diagonal, diagonal] += floor[:, diagonal, diagonal] + np.finfo(float).tiny
+    logdet = float(np.linalg.slogdet(inner)[1].sum())
+    across = -np.linalg.solve(inner, matrix[:, :cut, cut:])
+    inverse = np.linalg.inv(inner)
+    change = np.einsum("rab,irba->i", inverse, slopes[:, :, :cut, :cut], optimize=True)
+    schur = matrix[:, cut:, cut:] + matrix[:, cut:, :cut] @ across
+    return logdet, np.asarray(change), schur, np.concatenate([across, rest], axis=1)
 
 
 def fit_autoregression(
@@ -131,12 +166,11 @@ def fit_autoregression(
     if isinstance(like, AutoRegression):
         return _refitted(records, like)
     highest = _affordable_order(records, highest_order)
-    pairs = [_lagged_products(record, highest) for record in records]
-    rows = sum(count for _, count in pairs)
+    products, rows = _all_products(records, highest)
     best = start = np.zeros(0)
     best_criterion = np.inf
     for order in range(highest + 1):
-        cut = [replace(p, lagged=p.lagged[: order + 1, : order + 1]) for p, _ in pairs]
+        cut = [product.cut(order) for product in products]
         objective = _RestrictedLikelihood(cut, rows, records[0].shared.shape[1])
         start, value = _minimised(objective, np.append(start, 0.0) if order else start)
         criterion = value + order * np.log(max(rows, 2))
@@ -148,16 +182,16 @@ def fit_autoregression(
 
 
 def _refitted(records: Sequence[Linearised], like: AutoRegression) -> AutoRegression:
-    pairs = [_lagged_products(record, like.coefficients.size) for record in records]
-    rows = sum(count for _, count in pairs)
-    objective = _RestrictedLikelihood([p for p, _ in pairs], rows, records[0].shared.shape[1])
+    products, rows = _all_products(records, like.coefficients.size)
+    objective = _RestrictedLikelihood(products, rows, records[0].shared.shape[1])
     return AutoRegression(_minimised(objective, like.coefficients)[0]).made_stationary()
 
 
 def _minimised(objective: _RestrictedLikelihood, start: Array) -> tuple[Array, float]:
     if start.size == 0:
         return start, objective(start)[0]
-    found = minimize(objective, start, jac=True, method="BFGS", options={"gtol": FLAT})
+    with np.errstate(all="ignore"):  # the line search may try poles far outside
+        found = minimize(objective, start, jac=True, method="BFGS", options={"gtol": FLAT})
     return np.asarray(found.x, dtype=np.float64), float(found.fun)
 
 
@@ -188,12 +222,9 @@ def _continuous_objective(records: Sequence[Linearised], correlation_time: float
     shape = ContinuousAr1(correlation_time)
     products, logdet, rows = [], 0.0, 0
     for record in records:
-        white = shape.whiten(record.columns(), record)
-        local = record.local.shape[1]
-        gram = white.T @ white
-        products.append(
-            _Products(gram[None, None], local, RIDGE * np.diag(gram)[:local] + np.finfo(float).tiny)
-        )
+        local = _basis(record.local)
+        white = shape.whiten(np.column_stack([local, record.shared, record.residual]), record)
+        products.append(_Products((white.T @ white)[None, None, None], local.shape[1]))
         correlation = np.exp(-np.diff(record.times) / correlation_time)
         correlation[record.starts[1:] - 1] = 0.0
         logdet += float(np.log1p(-(correlation**2)).sum())

@@ -26,8 +26,12 @@ from ident.estimation.noise import AutoRegression, Linearised, NoiseModel, Noise
 
 Array = NDArray[np.float64]
 
-MAX_ITERATIONS = 60
-NOISE_ROUNDS = 12
+MAX_ITERATIONS = 30
+MAX_DAMPINGS = 12
+MILD = 1e-2  # damping below which a small step means the end and not a short leash
+CORRELATION_LENGTHS = 5
+NEGLIGIBLE = 1e-5  # gain of 2 log likelihood that is no gain
+NOISE_ROUNDS = 6
 CONVERGED = 1e-4  # step in standard deviations
 RANK_TOLERANCE = 1e-10
 BLOCK_ROWS = 256
@@ -160,30 +164,43 @@ def _gauss_newton(problem: Problem, state: _State) -> tuple[_State, Array, list[
         reduced = [_reduce(r, state.shape, state.std) for r in state.records]
         stacked = _triangle(np.vstack([r.rows for r in reduced]))
         triangle, target = stacked[: state.shared.size, :-1], stacked[: state.shared.size, -1]
-        accepted = False
-        size = 0.0
-        for _ in range(12):
-            step = _damped_solution(triangle, target, damping)
-            shared = problem.inside(state.shared + step)
-            local = [
-                now + _local_step(r, shared - state.shared)
-                for now, r in zip(state.local, reduced, strict=True)
-            ]
-            records = problem.linearise(shared, local)
-            trial = _white_sum(records, state.shape, state.std)
-            size = float(np.linalg.norm(triangle @ (shared - state.shared))) / max(state.std, 1e-300)
+        tried = None
+        for _ in range(MAX_DAMPINGS):
+            tried = _moved(
+                problem, state, reduced, _bounded_step(problem, state.shared, triangle, target, damping)
+            )
+            trial = _white_sum(tried.records, state.shape, state.std)
             if trial <= value * (1 + 1e-12):
-                accepted = True
                 break
-            damping = max(damping * 8, 1e-4)
-        if not accepted:
-            return state, triangle, reduced, size < CONVERGED
-        state = _State(shared, local, records, state.shape, state.std)
-        gained, value = value - trial, trial
-        damping = 0.0 if damping < 1e-6 else damping / 8
-        if size < CONVERGED and gained <= 1e-9 * value + 1e-300:
+            tried, damping = None, max(damping * 8, 1e-4)
+        if tried is None:
+            return state, triangle, reduced, damping > 1
+        size = float(np.linalg.norm(triangle @ (tried.shared - state.shared)))
+        gained, value, state = value - trial, trial, tried
+        done = size < CONVERGED * state.std or gained < NEGLIGIBLE * state.std**2
+        if done and damping <= MILD:
             return state, triangle, reduced, True
+        damping = 0.0 if damping < 1e-6 else damping / 8
     return state, triangle, reduced, False
+
+
+def _moved(problem: Problem, state: _State, reduced: Sequence[_Reduced], step: Array) -> _State:
+    """Take a step of the shared parameters, and that of the local ones that goes with it."""
+    local = [now + _local_step(r, step) for now, r in zip(state.local, reduced, strict=True)]
+    shared = state.shared + step
+    return _State(shared, local, problem.linearise(shared, local), state.shape, state.std)
+
+
+def _bounded_step(problem: Problem, shared: Array, triangle: Array, target: Array, damping: float) -> Array:
+    """Damped step; parameters that it would take out of the region stop at its border, the rest adapt."""
+    step = _damped_solution(triangle, target, damping)
+    stopped = problem.inside(shared + step) - shared
+    held = stopped != step
+    if held.any() and not held.all():
+        rest = target - triangle[:, held] @ stopped[held]
+        step[held] = stopped[held]
+        step[~held] = _damped_solution(triangle[:, ~held], rest, damping)
+    return problem.inside(shared + step) - shared
 
 
 def _damped_solution(triangle: Array, target: Array, damping: float) -> Array:
@@ -218,7 +235,12 @@ def linear_score(records: Sequence[Linearised], columns: Sequence[int]) -> tuple
 
 
 def fit_output_error(
-    problem: Problem, shared: Array, local: Sequence[Array], *, identify_noise: IdentifyNoise
+    problem: Problem,
+    shared: Array,
+    local: Sequence[Array],
+    *,
+    identify_noise: IdentifyNoise,
+    shape: NoiseShape = WHITE,
 ) -> Fit:
     """Maximum likelihood of the shared and local parameters and of the noise.
 
@@ -229,6 +251,7 @@ def fit_output_error(
     local : one (l_i,) start a record
     identify_noise : gives the colour of the noise from the linearised problem, with the structure of a
         given one where it is not None, such as :func:`~ident.estimation.noise_fit.fit_autoregression`
+    shape : colour to begin with
 
     Returns
     -------
@@ -236,7 +259,7 @@ def fit_output_error(
     """
     start = np.asarray(shared, dtype=np.float64)
     locals_now = [np.asarray(x, dtype=np.float64) for x in local]
-    state = _State(start, locals_now, problem.linearise(start, locals_now), WHITE, 1.0)
+    state = _State(start, locals_now, problem.linearise(start, locals_now), shape, 1.0)
     state.std = _innovation_std(state, start.size)
     converged = False
     triangle = np.eye(start.size)
@@ -252,16 +275,64 @@ def fit_output_error(
         if settled:
             break
     inverse = np.linalg.pinv(triangle, rcond=1e-14)
+    return _fit(state, reduced, state.std**2 * inverse @ inverse.T, converged=converged)
+
+
+def fit_least_squares(problem: Problem, shared: Array, local: Sequence[Array]) -> Fit:
+    """Least squares, for a model that is known to be wrong: the best free-running simulation there is.
+
+    What is left is then model error, which has no likelihood. The covariance is the sandwich of Newey and
+    West (1987, doi:10.2307/1913610) with Bartlett weights over five correlation times of the residual, which
+    holds under correlated residuals but not for what the model cannot do.
+
+    Parameters are those of :func:`fit_output_error`.
+    """
+    start = np.asarray(shared, dtype=np.float64)
+    locals_now = [np.asarray(x, dtype=np.float64) for x in local]
+    state = _State(start, locals_now, problem.linearise(start, locals_now), WHITE, 1.0)
+    state.std = _innovation_std(state, start.size)
+    state, triangle, reduced, converged = _gauss_newton(problem, state)
+    state.std = _innovation_std(state, start.size)
+    inverse = np.linalg.pinv(triangle, rcond=1e-14)
+    bread = inverse @ inverse.T
+    return _fit(state, reduced, bread @ _meat(state.records) @ bread, converged=converged)
+
+
+def _fit(state: _State, reduced: Sequence[_Reduced], covariance: Array, *, converged: bool) -> Fit:
     return Fit(
         shared=state.shared,
-        covariance=state.std**2 * inverse @ inverse.T,
+        covariance=covariance,
         local=state.local,
         noise=NoiseModel(state.shape, state.std),
         residuals=[r.residual for r in state.records],
         white_sum=_white_sum(state.records, state.shape, state.std),
-        freedom=_freedom(state.records, reduced, start.size),
+        freedom=_freedom(state.records, reduced, state.shared.size),
         converged=converged,
     )
+
+
+def _meat(records: Sequence[Linearised]) -> Array:
+    """Long-run covariance of the scores: sum over lags of J_t e_t e_(t+k) J_(t+k), local columns removed."""
+    width = records[0].shared.shape[1]
+    total = np.zeros((width, width))
+    for record in records:
+        q, _ = np.linalg.qr(record.local)
+        score = (record.shared - q @ (q.T @ record.shared)) * record.residual[:, None]
+        total += score.T @ score
+        longest = min(_correlation_length(record.residual) * CORRELATION_LENGTHS, len(score) - 1)
+        for lag in range(1, longest + 1):
+            product = score[lag:].T @ score[:-lag]
+            total += (1 - lag / (longest + 1)) * (product + product.T)
+    return total
+
+
+def _correlation_length(residual: Array) -> int:
+    """Samples after which the autocorrelation has first fallen below 1/e."""
+    centred = residual - residual.mean()
+    power = np.abs(np.fft.rfft(centred, 2 * centred.size)) ** 2
+    correlation = np.fft.irfft(power)[: centred.size]
+    below = np.flatnonzero(correlation < correlation[0] / np.e)
+    return int(below[0]) if below.size else centred.size
 
 
 def _innovation_std(state: _State, shared: int) -> float:

@@ -33,7 +33,8 @@ class Stretch:
     lost : indices of the lost commands
     times, measured : (n,) stamps [s] and values [rad] of the measured angle
     starts : indices of ``times`` after an interruption of the measurement, the first is 0
-    at_rest : whether the measured angle was at rest when the stretch began
+    rest_rate : largest rate that the measured angle can have had when the stretch began without the test for
+        rest noticing it, halved as a standard deviation [rad/s]; infinite where it was not at rest
     """
 
     command_times: Array
@@ -42,7 +43,12 @@ class Stretch:
     times: Array
     measured: Array
     starts: NDArray[np.intp]
-    at_rest: bool
+    rest_rate: float
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the measured angle was at rest when the stretch began."""
+        return bool(np.isfinite(self.rest_rate))
 
     @property
     def command_period(self) -> float:
@@ -157,9 +163,7 @@ def _stretch(
     known_times, known_values, lost = _with_lost(command_times, command_values, missing)
     gaps = np.flatnonzero(np.diff(own) > GAP * period_of(times)) + 1
     starts = np.concatenate([[0], gaps]).astype(np.intp)
-    return Stretch(
-        known_times, known_values, lost, own, values, starts, _rests_at_start(times, measured, own)
-    )
+    return Stretch(known_times, known_values, lost, own, values, starts, _rest_rate(times, measured, own))
 
 
 def _with_lost(
@@ -186,11 +190,13 @@ def noise_level(measured: Array) -> float:
     return float(1.4826 * np.median(np.abs(np.diff(measured, 2))) / np.sqrt(6))
 
 
-def _rests_at_start(times: Array, measured: Array, own: Array) -> bool:
-    """Whether the first samples of a stretch stay together as closely as noise lets them."""
+def _rest_rate(times: Array, measured: Array, own: Array) -> float:
+    """Rate that the test for rest could have missed; infinite where the first samples move apart."""
     begin = int(np.searchsorted(times, own[0]))
-    count = max(REST_SAMPLES, int(np.searchsorted(own, own[0] + REST_SECONDS)))
-    head = measured[begin : begin + min(count, own.size)]
+    count = min(max(REST_SAMPLES, int(np.searchsorted(own, own[0] + REST_SECONDS))), own.size)
+    head = measured[begin : begin + count]
     steps = np.abs(np.diff(np.unique(measured)))
     resolution = float(steps.min()) if steps.size else 0.0
-    return bool(np.ptp(head) <= max(6 * noise_level(measured), 2 * resolution) * 1.0001)
+    allowed = max(6 * noise_level(measured), 2 * resolution, 1e-9)
+    duration = float(own[count - 1] - own[0])
+    return allowed / duration / 2 if np.ptp(head) <= allowed * 1.0001 and duration > 0 else np.inf

@@ -119,7 +119,7 @@ def _record(stretch: Stretch) -> ActuatorRecord:
         starts=stretch.starts,
         lost=stretch.lost,
         start_uncertainty=stretch.command_period / np.sqrt(3),
-        at_rest=stretch.at_rest,
+        rest_rate=stretch.rest_rate,
     )
 
 
