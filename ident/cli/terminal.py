@@ -58,7 +58,7 @@ class _Bar:
 
     def __init__(self, bars: Bars) -> None:
         self._bars = bars
-        self._task = bars.add_task("", total=None)
+        self._task = bars.add_task("starting", total=None)
 
     def __call__(self, what: str, done: int, total: int) -> None:
         self._bars.update(self._task, description=one_line(what), completed=done, total=total)

@@ -245,3 +245,17 @@ def test_bars_on_a_terminal_take_text_from_a_log_as_text(
     shown = capsys.readouterr()
     assert shown.out == ""
     assert "[bold]a[/nonsense]" in shown.err
+
+
+# --- the README --------------------------------------------------------------------------------------
+
+
+def test_the_readme_names_every_command_option_and_exit_code() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    options = {
+        name for command in main.commands.values() for option in command.params for name in option.opts
+    }
+    known = {error.exit_code for error in vars(errors).values() if isinstance(error, type)} | {0, 130}
+    assert [name for name in main.commands if f"`ident {name} LOGS...`" not in readme] == []
+    assert [name for name in options if name.startswith("--") and f"`{name}" not in readme] == []
+    assert [code for code in sorted(known) if f"\n| {code} | " not in readme] == []
