@@ -93,10 +93,10 @@ def percent(share: float | None) -> str:
 
 
 def p_value(value: float | None) -> str:
-    """Give a p-value with two significant digits, small ones as a bound."""
+    """Give a p-value with two significant digits, small ones as a bound: p = 0.41, p < 0.001."""
     if value is None or not math.isfinite(value):
-        return NONE
-    return "< 0.001" if value < 0.001 else significant(value, 2)
+        return f"p {NONE}"
+    return "p < 0.001" if value < 0.001 else f"p = {significant(value, 2)}"
 
 
 def duration(seconds: float) -> str:

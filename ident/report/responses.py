@@ -110,7 +110,7 @@ def step_groups(
         those whose beginning is not in the log, which have no common zero of time with the others
     runs : as ``signals_of`` gives them
     total_lag : of the model [s], from which the length shown follows
-    most : responses drawn in one group, evenly chosen
+    most : responses drawn in one group: those that most methods use, the longest of them
     """
     steps = [step for step in _used(experiments, ("step", "pulse"), runs) if step.amplitude]
     steps = [step for step in steps if _before(step) is not None and _begins_in_log(step, runs[step.run])]
@@ -151,13 +151,17 @@ def _begins_in_log(step: Experiment, signals: Signals) -> bool:
     )
 
 
+def _worth(step: Experiment) -> tuple[int, float]:
+    """Rank steps: one that the step methods use has settled, and a long one shows more."""
+    return len(step.used_by), step.end - step.start
+
+
 def _step_group(group: list[Experiment], runs: dict[str, Signals], length: float, most: int) -> Group:
     size = float(np.median([abs(step.amplitude or 0.0) for step in group]))
     longest = max(step.end - step.start for step in group)
     length = min(length, longest) if longest > 0 else length
     responses = []
-    for index in evenly(len(group), most):
-        step = group[index]
+    for step in sorted(group, key=_worth, reverse=True)[:most]:
         sign, level = np.sign(step.amplitude or 1.0), _before(step) or 0.0
         end = min(step.start + length, step.end)
         cut = cut_out(runs[step.run], step.start - LEAD * length, end, zero=step.start)

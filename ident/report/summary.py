@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Sequence
 
 from ident.report.numbers import (
-    NONE,
     angle,
     count,
     estimate_interval,
@@ -63,7 +62,7 @@ def parameter_lines(model: SteeringModel) -> list[str]:
 
 
 def _fit_lines(result: SteeringResult) -> list[str]:
-    agree = NONE if result.agreement_p is None else f"p = {p_value(result.agreement_p)}"
+    agree = "not tested" if result.agreement_p is None else p_value(result.agreement_p)
     response = f"response: {CLASSES[result.classification]} ({plain(result.classification_reason)})"
     fit = f"fit: {percent(result.vaf)} of the variance, RMS error {angle(result.rms_error)}"
     noise = f"noise {angle(result.noise.total_std)}"

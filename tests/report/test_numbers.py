@@ -75,8 +75,8 @@ def test_small_angles_are_in_milliradians_and_degrees():
 
 
 def test_a_small_p_value_is_a_bound():
-    assert numbers.p_value(0.00004) == "< 0.001"
-    assert numbers.p_value(0.41) == "0.41"
+    assert numbers.p_value(0.00004) == "p < 0.001"
+    assert numbers.p_value(0.41) == "p = 0.41"
 
 
 @pytest.mark.parametrize(

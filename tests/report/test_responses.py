@@ -120,6 +120,14 @@ def test_draws_no_more_than_it_should_and_says_how_many_there_are(ramp):
     assert (group.found, len(group.responses)) == (40, 5)
 
 
+def test_draws_the_steps_that_most_methods_use_and_the_longest_of_them(ramp):
+    short = [replace(step(1.0 + 0.1 * i, 0.5), end=1.2 + 0.1 * i) for i in range(5)]
+    settled = replace(step(2.0, 0.5), used_by=["likelihood", "modified_harriott"])
+    (group,) = responses.step_groups([*short, step(4.0, 0.5), settled], ramp, total_lag=0.4, most=2)
+    assert [round(response.measured.time[-1], 1) for response in group.responses] == [2.0, 2.0]
+    assert group.responses[0].measured.value[-1] == pytest.approx(4.0 - 1.0)
+
+
 def test_unused_steps_are_left_out_unless_there_are_no_others(ramp):
     unused = replace(step(1.0, 0.5), used_by=[])
     assert [g.found for g in responses.step_groups([unused, step(2.0, 0.5)], ramp, total_lag=0.2)] == [1]

@@ -62,7 +62,7 @@ def _run_row(run: RunHealth) -> list[Cell]:
     return [
         Cell(run.name),
         Cell(run.format),
-        Cell(run.start.replace("T", " ")),
+        Cell(moment(run.start)),
         Cell(duration(run.duration), raw=run.duration),
         Cell(str(len(run.signals))),
         Cell(str(len(gaps)), tone="caution" if gaps else "plain"),
@@ -72,6 +72,11 @@ def _run_row(run: RunHealth) -> list[Cell]:
         Cell(run.channels),
         Cell(run.vehicle or NONE),
     ]
+
+
+def moment(text: str) -> str:
+    """Write an ISO 8601 time as people do."""
+    return text.replace("T", " ").replace("+00:00", " UTC").replace("Z", " UTC")
 
 
 def damage_text(damage: Damage) -> str:
@@ -269,7 +274,7 @@ def provenance_blocks(provenance: Provenance) -> list[Block]:
     facts = Facts(
         [
             ("version", f"ident {provenance.version}"),
-            ("made", provenance.date.replace("T", " ")),
+            ("made", moment(provenance.date)),
             ("seed", str(provenance.seed)),
         ]
     )

@@ -10,6 +10,7 @@ from ident.report.page import Block, Cell, Column, Facts, Lines, Page, Section, 
 from ident.report.pages import health
 from ident.results import InfoResult, RunHealth
 
+NAME_THEM = "name the topics of your logs in channels.yaml; ident init LOGS writes a first one with guesses"
 MOST_OPEN = 3
 """With more runs than this, the details of all but the first are folded."""
 
@@ -41,6 +42,8 @@ def _verdict(result: InfoResult) -> Verdict:
         text += f"; {damaged} of them damaged"
     if result.unreadable:
         text += f"; {count(len(result.unreadable), 'log')} unreadable"
+    if result.runs and not any(run.signals for run in result.runs):
+        return Verdict("no signals", f"{text}; no topic is known as a signal.", "caution", NAME_THEM)
     if result.unreadable or damaged:
         return Verdict("partly read", f"{text}.", "caution")
     return Verdict("read", f"{text}.", "good")

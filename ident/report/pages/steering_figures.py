@@ -31,7 +31,7 @@ def first_responses(chosen: Sequence[responses.Group], found: int) -> Figure | N
     """Draw the groups that ``choose_first`` chose of so many found."""
     if not chosen:
         return None
-    return _responses(chosen, "Measured against modelled response", height=400, left=found - len(chosen))
+    return _responses(chosen, "Measured against modelled response", height=384, left=found - len(chosen))
 
 
 def choose_first(groups: Sequence[responses.Group], total_lag: float | None) -> list[responses.Group]:
@@ -110,7 +110,7 @@ def _caption(groups: Sequence[responses.Group], left: int) -> str:
         parts.append("Of a sine, a few periods from its middle are shown.")
     hidden = sum(group.found - len(group.responses) for group in groups)
     if hidden:
-        parts.append(f"{count(hidden, 'response')} more of these sizes not drawn.")
+        parts.append(f"{count(hidden, 'more response')} of these sizes not drawn.")
     if left:
         parts.append(f"{left} more under Responses.")
     return " ".join(parts)

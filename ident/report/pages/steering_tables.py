@@ -47,13 +47,19 @@ def parameters(result: SteeringResult) -> Table:
         Column("unit"),
         Column("status"),
     ]
-    rows, notes = [], [runs_behind(result)]
+    rows = []
+    reasons: dict[str, list[str]] = {}
     for parameter in PARAMETERS:
         estimate = of_model(result.model, parameter)
         rows.append([Cell(parameter.symbol), Cell(parameter.name), *_estimate_cells(estimate)])
         if estimate.reason:
-            notes.append(f"{parameter.symbol}: {estimate.reason}")
-    return Table(columns, rows, notes=notes, download="parameters.csv")
+            reasons.setdefault(estimate.reason, []).append(parameter.symbol)
+    notes = [f"{', '.join(symbols)}: {reason}." for reason, symbols in reasons.items()]
+    if not result.adequate:
+        notes.append(
+            "The intervals assume that the model explains the data; it does not, so they are too narrow."
+        )
+    return Table(columns, rows, notes=[runs_behind(result), *notes], download="parameters.csv")
 
 
 def _estimate_cells(estimate: Estimate) -> list[Cell]:
@@ -95,8 +101,8 @@ def _agreement(p: float | None) -> Cell:
     if p is None:
         return Cell("not tested: it takes two runs with a fit of their own", tone="muted")
     if p < AGREE_FROM:
-        return Cell(f"rejected at 5 % (p = {p_value(p)})", raw=p, tone="caution")
-    return Cell(f"not rejected at 5 % (p = {p_value(p)})", raw=p, tone="good")
+        return Cell(f"rejected at 5 % ({p_value(p)})", raw=p, tone="caution")
+    return Cell(f"not rejected at 5 % ({p_value(p)})", raw=p, tone="good")
 
 
 def noise_text(noise: Noise) -> str:

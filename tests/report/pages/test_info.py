@@ -21,6 +21,13 @@ def test_says_first_what_could_not_be_read(info_result):
     assert (info_page(whole).verdict.badge, info_page(whole).verdict.tone) == ("read", "good")
 
 
+def test_logs_without_a_known_signal_say_what_to_do(info_result):
+    runs = [replace(run, signals={}) for run in info_result.runs]
+    verdict = info_page(replace(info_result, runs=runs)).verdict
+    assert (verdict.badge, verdict.tone) == ("no signals", "caution")
+    assert "ident init" in verdict.next_step
+
+
 def test_unreadable_logs_stand_with_their_reason(info_result):
     section = next(section for section in info_page(info_result).sections if section.name == "unreadable")
     assert isinstance(section.blocks[0], Lines)

@@ -125,14 +125,20 @@ def test_a_parameter_that_is_not_known_says_so_and_why(steering_case):
     page = steering_page(replace(result, model=replace(result.model, time_constant_2=UNKNOWN)), tables)
     parameters = page.lead[0].blocks[0][0]
     assert (parameters.rows[3][2].text, parameters.rows[3][5].text) == ("–", "not identifiable")
-    assert "T₂: the step is too small" in parameters.notes
+    assert "T₂: the step is too small." in parameters.notes
+
+
+def test_intervals_of_a_model_that_does_not_explain_the_data_are_called_too_narrow(page, steering_case):
+    doubtful = steering_page(replace(steering_case[0], adequate=False), steering_case[1])
+    notes = [" ".join(shown.lead[0].blocks[0][0].notes) for shown in (page, doubtful)]
+    assert ["too narrow" in note for note in notes] == [False, True]
 
 
 def test_runs_that_disagree_are_marked(steering_case):
     result, tables = steering_case
     page = steering_page(replace(result, agreement_p=0.0003), tables)
     agreement = dict(page.lead[0].blocks[1][0].items)["one model for all runs"]
-    assert (agreement.text, agreement.tone) == ("rejected at 5 % (p = < 0.001)", "caution")
+    assert (agreement.text, agreement.tone) == ("rejected at 5 % (p < 0.001)", "caution")
 
 
 def test_the_first_figure_shows_three_amplitudes_and_the_sine_at_the_corner():
