@@ -1,5 +1,6 @@
 # make run      identify the steering of the sample logs (report in reports/sample_logs/)
 # make test     everything that is checked: style, types, tests
+# make study    the statistical studies, in full; what is done is kept and not done again
 # make schema   JSON Schemas of the outputs, from the classes of ident/results.py
 # make samples  the sample logs again, from their seed
 # make lock     the pinned requirements again, from pyproject.toml (needs uv: https://docs.astral.sh/uv)
@@ -20,7 +21,7 @@ ifneq ($(shell $(BIN)/python -c 'print("runs")' 2>/dev/null),runs)
 .PHONY: $(VENV)/run.stamp $(VENV)/dev.stamp
 endif
 
-.PHONY: run test schema samples lock clean
+.PHONY: run test study schema samples lock clean
 
 run: $(VENV)/run.stamp
 	$(BIN)/ident steering sample_logs/
@@ -30,6 +31,9 @@ test: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/python -m pytest -n 2
+
+study: $(VENV)/dev.stamp
+	$(BIN)/python studies/steering_coverage.py --seeds 200 --jobs 2
 
 schema: $(VENV)/dev.stamp
 	$(BIN)/python -m ident.pipeline.schema docs/schema

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import click
 
 from ident import __version__
@@ -9,6 +11,9 @@ from ident.cli.boundary import ErrorBoundary
 from ident.cli.info import info
 from ident.cli.init import init
 from ident.cli.steering import steering
+
+# The matrices of a fit are many and small: a BLAS with threads spends its time waiting for them.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
 @click.group(cls=ErrorBoundary, context_settings={"help_option_names": ["-h", "--help"]})

@@ -82,7 +82,7 @@ def identify_runs(
         If the measured angle does not follow the request in the runs together.
     """
     total = len(runs) + 1
-    common, places, hidden = _common(runs)
+    common, places, hidden = fit_together(runs)
     progress(1, total)
     alone = {}
     for number, run in enumerate(runs):
@@ -91,15 +91,20 @@ def identify_runs(
     excluded = _foreign(alone)
     kept = [run for run in runs if run.name not in excluded]
     if excluded:
-        common, places, hidden = _common(kept)
+        common, places, hidden = fit_together(kept)
     _refuse_no_answer(common)
     return RunsFit(common, [run.name for run in kept], places, alone, excluded, hidden)
 
 
-def _common(
+def fit_together(
     runs: Sequence[RunRecords],
 ) -> tuple[ActuatorFit, list[tuple[str, int]], list[HiddenStart]]:
-    """Two passes, then a third where a start was hidden."""
+    """Fit one actuator to all runs: two passes, then a third where a start was hidden.
+
+    Returns
+    -------
+    the fit, the place (run, number of the record) of each of its records, the hidden starts
+    """
     jitter = max(run.jitter for run in runs)
     records, _ = _usable(runs, FIRST_DEAD_TIME)
     first = fit_roughly(records)

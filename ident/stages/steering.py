@@ -105,11 +105,12 @@ def _excited(loaded: LoadedLogs, pair: Pair) -> tuple[list[SteeringRun], list[Re
 
 
 def _records(run: SteeringRun) -> RunRecords:
-    records = [_record(run.stretches[i]) for i in run.excited]
+    records = [actuator_record(run.stretches[i]) for i in run.excited]
     return RunRecords(run.name, records, jitter_of(run.measured.time))
 
 
-def _record(stretch: Stretch) -> ActuatorRecord:
+def actuator_record(stretch: Stretch) -> ActuatorRecord:
+    """What the likelihood needs of a stretch."""
     return ActuatorRecord(
         run=0,
         command_times=stretch.command_times,
