@@ -193,14 +193,33 @@ def in_sequence(path: Path) -> tuple[str, int, str]:
 
 
 def _compare_counts(log: StoredLog, metadata: dict[str, object]) -> list[Damage]:
-    """Say where the files hold fewer messages than the recorder counted."""
+    """Say where the files hold less than the recorder counted."""
     read = {topic.name: topic.messages for topic in log.topics}
     damage = []
     for name, counted in _counted(metadata).items():
         if counted > read.get(name, 0):
             text = f"{name}: metadata.yaml counts {counted} messages, {read.get(name, 0)} can be read"
             damage.append(Damage(text, counted - read.get(name, 0)))
+    missing = _seconds_missing(log, metadata)
+    if damage and missing > 0:
+        text = f"metadata.yaml says that the recording went on for another {missing:.3g} s"
+        damage.append(Damage(text, seconds_lost=missing))
     return damage
+
+
+def _seconds_missing(log: StoredLog, metadata: dict[str, object]) -> float:
+    """How long before the end that metadata.yaml states the last message was recorded [s]."""
+    start = _number(metadata.get("starting_time"), "nanoseconds_since_epoch")
+    duration = _number(metadata.get("duration"), "nanoseconds")
+    ends = [int(times.max()) for topic in log.topics if len(times := log.times(topic.name))]
+    if start is None or duration is None or not ends:
+        return 0.0
+    return (start + duration - max(ends)) / 1e9
+
+
+def _number(entry: object, key: str) -> int | None:
+    value = entry.get(key) if isinstance(entry, dict) else None
+    return value if isinstance(value, int) else None
 
 
 def _counted(metadata: dict[str, object]) -> dict[str, int]:

@@ -66,11 +66,15 @@ def decompress_message(data: bytes) -> bytes | None:
 
 def decompress_file(source: Path, target: Path) -> str | None:
     """Unpack a zstd file as far as it goes; return what stopped it, None where it is whole."""
-    unpacker = zstandard.ZstdDecompressor().decompressobj(read_across_frames=True)
+    unpacker = zstandard.ZstdDecompressor().decompressobj()
     with source.open("rb") as packed, target.open("wb") as raw:
         while block := packed.read(_BLOCK):
-            try:
-                raw.write(unpacker.decompress(block))
-            except (zstandard.ZstdError, MemoryError) as error:
-                return str(error)
+            while block:
+                if unpacker.eof:  # another frame follows
+                    unpacker = zstandard.ZstdDecompressor().decompressobj()
+                try:
+                    raw.write(unpacker.decompress(block))
+                except (zstandard.ZstdError, MemoryError) as error:
+                    return str(error)
+                block = unpacker.unused_data
     return None if unpacker.eof else "cut off"

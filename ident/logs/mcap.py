@@ -8,6 +8,7 @@ loses only what is damaged; of a chunk that is cut off, the beginning is read.
 from __future__ import annotations
 
 import struct
+import zlib
 from array import array
 from collections import OrderedDict
 from dataclasses import dataclass, field
@@ -24,6 +25,7 @@ from ident.logs.record import Channel, Stored, Times
 from ident.results import Damage
 
 CACHE_BYTES = 256 << 20
+_BLOCK = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,7 @@ class McapStorage:
         self._lost_chunk: Loss | None = None
         self.counted: int | None = None
         self._closed_properly = False
+        self._data_end = (0, 0)
         self._scan()
         self._numbers: dict[int, list[int]] = {}
         self.channels = self._resolve_channels()
@@ -106,6 +109,20 @@ class McapStorage:
                 raise UnusableLog(f"{self.path}: not an MCAP file (its first bytes are not those of one)")
             for record in records.walk(file, size):
                 self._take(record)
+            self._check_data_crc(file)
+
+    def _check_data_crc(self, file: BinaryIO) -> None:
+        """Find damage that shows nowhere else: in messages outside chunks, in chunks without a CRC."""
+        end, expected = self._data_end
+        if not expected or self._losses:
+            return
+        file.seek(0)
+        crc = 0
+        for start in range(0, end, _BLOCK):
+            crc = zlib.crc32(file.read(min(_BLOCK, end - start)), crc)
+        if crc != expected:
+            text = "the CRC of the data does not match: bytes are wrong that cannot be told from right ones"
+            self.damage.append(Damage(f"{self.path.name}: {text}"))
 
     def _take(self, record: records.Record | records.Hole) -> None:
         if isinstance(record, records.Hole):
@@ -134,6 +151,8 @@ class McapStorage:
             self.counted = records.read_statistics(record.content)
         elif record.opcode == records.FOOTER:
             self._closed_properly = True
+        elif record.opcode == records.DATA_END:
+            self._data_end = (record.offset, records.read_data_crc(record.content))
         else:
             self._take_definition(record.opcode, record.content)
 

@@ -181,6 +181,11 @@ def read_message_index(content: bytes) -> int:
     return int(length) // 16
 
 
+def read_data_crc(content: bytes) -> int:
+    """Return the CRC-32 of everything before the record that ends the data section, 0: none was written."""
+    return int(struct.unpack_from("<I", content)[0])
+
+
 def read_statistics(content: bytes) -> int:
     """Return the number of messages that the writer counted."""
     return int(struct.unpack_from("<Q", content)[0])

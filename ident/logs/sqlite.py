@@ -24,6 +24,7 @@ from ident.logs.record import Channel, Stored, Times
 from ident.results import Damage
 
 MAGIC = b"SQLite format 3\x00"
+FIRST_ROW = -(1 << 40)
 LARGEST_STEP = 1 << 40
 
 
@@ -98,29 +99,39 @@ class SqliteStorage:
         query = "SELECT topic_type, encoded_message_definition, encoding FROM message_definitions"
         try:
             rows = database.execute(query).fetchall()
-        except sqlite3.DatabaseError:  # before ROS 2 Iron there is no such table
+        except sqlite3.DatabaseError as error:
+            if "no such table" not in str(error):  # there is none before ROS 2 Iron
+                self.damage.append(Damage(f"{self.path.name}: message definitions cannot be read ({error})"))
             return {}
         return {_text(kind): (_text(text), _text(encoding)) for kind, text, encoding in rows}
 
     def _read_rows(self, database: sqlite3.Connection) -> Times:
-        """Row number, topic number and time of every row, (n, 3)."""
+        """Row number, topic number and time of every row, (n, 3), stepping over what cannot be read."""
         rows: list[tuple[int, int, int]] = []
-        last, step = -LARGEST_STEP, 1
-        while step < LARGEST_STEP:
-            try:
-                for row in _select_rows(database, last):
-                    rows.append(row)
-                    last, step = row[0], 1
-                break
-            except sqlite3.DatabaseError as error:
-                if "no such" in str(error):
-                    raise UnusableLog(f"{self.path}: not a rosbag2 file ({error})") from error
-                if step == 1:
-                    self._losses.append(Loss("rows that cannot be read", max(last, 0), detail=str(error)))
-                last, step = (max(last, 0) + step), step * 2
+        after: int | None = FIRST_ROW
+        while after is not None:
+            after = self._read_until_defect(database, after, rows)
         found = np.array(rows, dtype=np.int64).reshape(-1, 3)
         self._count_lost(found)
         return found
+
+    def _read_until_defect(
+        self, database: sqlite3.Connection, after: int, rows: list[tuple[int, int, int]]
+    ) -> int | None:
+        """Append the rows behind ``after``; return where to go on behind a defect, None at the end."""
+        try:
+            for row in _select_rows(database, after):
+                if row[0] <= after:
+                    raise sqlite3.DatabaseError("rows are out of order")  # noqa: TRY301
+                rows.append(row)
+                after = row[0]
+        except sqlite3.DatabaseError as error:
+            if "no such" in str(error):
+                raise UnusableLog(f"{self.path}: not a rosbag2 file ({error})") from error
+            after = max(after, 0)
+            self._losses.append(Loss("rows that cannot be read", after, detail=str(error)))
+            return _behind_defect(database, after)
+        return None
 
     def _count_lost(self, found: Times) -> None:
         """Between rows that were read, each missing number behind a defect is a lost message."""
@@ -158,6 +169,28 @@ def _select_rows(database: sqlite3.Connection, after: int) -> Iterator[tuple[int
     for row in database.execute(query, (after,)):
         if None not in row:
             yield row
+
+
+def _behind_defect(database: sqlite3.Connection, after: int) -> int | None:
+    """Find the first number behind which rows can be read again, None where there is none."""
+
+    def readable(number: int) -> bool:
+        try:
+            first = next(_select_rows(database, number), None)
+        except sqlite3.DatabaseError:
+            return False
+        return first is None or first[0] > number
+
+    step = 1
+    while not readable(after + step):
+        step *= 2
+        if step > LARGEST_STEP:
+            return None
+    low, high = after + step // 2, after + step
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if readable(middle) else (middle, high)
+    return high
 
 
 def _read_data(database: sqlite3.Connection, rows: list[int]) -> Iterator[tuple[int, bytes]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -103,9 +104,10 @@ def read_channel_map(path: Path) -> ChannelMap:
     return _checked(read_yaml(path), str(path), str(path))
 
 
-def built_in_maps() -> list[ChannelMap]:
+@lru_cache(maxsize=1)
+def built_in_maps() -> tuple[ChannelMap, ...]:
     """Return the maps that come with the program."""
-    return [_built_in(name) for name in BUILT_IN]
+    return tuple(_built_in(name) for name in BUILT_IN)
 
 
 def best_map(maps: Collection[ChannelMap], topics: Collection[str]) -> ChannelMap:
