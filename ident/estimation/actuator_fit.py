@@ -46,6 +46,7 @@ CORNERS = 3
 JITTER_LIMIT = 0.2  # of the period, beyond which noise is modelled in continuous time
 MISFIT_VAF = 0.02  # lost to least squares
 MISFIT_RMS = 1.1  # over that of least squares
+MISFIT_REASON = "the model is wrong here: the value changes with the excitation"
 DRAWS = 20_000
 LEVEL = 0.95
 WEAK_RELATIVE_ERROR = 0.2
@@ -206,6 +207,17 @@ def steering_model(fit: Fit) -> SteeringModel:
         total_lag=lag,
         natural_frequency=frequency,
         damping_ratio=damping,
+    )
+
+
+def doubted(model: SteeringModel) -> SteeringModel:
+    """Return the same with no parameter better than weak, where the model does not describe the data."""
+    estimates = {name: getattr(model, name) for name in SteeringModel.__dataclass_fields__}
+    return SteeringModel(
+        **{
+            name: replace(one, status="weak", reason=MISFIT_REASON) if one.status == "identified" else one
+            for name, one in estimates.items()
+        }
     )
 
 

@@ -167,10 +167,12 @@ class ActuatorProblem:
         gain, dead_time, a1, ratio = shared[:BIAS]
         a2 = ratio * a1**2
         since_first = record.times - times[1] - dead_time
-        lasting = np.where(times[1] + dead_time > record.times[0], 1 - free[0], 0.0)
-        unknown = lasting - step_response(a1, a2, since_first) * (times[1] + dead_time > record.times[0])
+        matters = float(
+            times[1] + dead_time > record.times[0]
+        )  # what was before the first command still acts
+        unknown = matters * (1 - free[0] - step_response(a1, a2, since_first))
         size = gain * record.first - before
-        earlier = -size * impulse_response(a1, a2, since_first) * (since_first[-1] > 0)
+        earlier = -matters * size * impulse_response(a1, a2, since_first)
         ends = np.append(times[1:], np.inf)
         lost = [
             step_response(a1, a2, record.times - times[i + 1] - dead_time)

@@ -24,8 +24,10 @@ MARGIN = 0.02  # [s] on the dead time in the second pass
 FEWEST_SAMPLES = 10
 HIDDEN = 3.0  # prior standard deviations
 SHIFT = 3  # place of the early start among the local parameters
-POOR_VAF = 0.5
-GOOD_VAF = 0.9
+POOR_VAF = 0.5  # explained by a run's own fit: the request was hardly acted on
+FAIR_VAF = 0.9  # below this a run is left out where the rest is smooth and another run is good
+GOOD_VAF = 0.95
+SMOOTH = 0.1  # root mean square of second differences over that of the residual; AR(1) of 0.9 has 0.26
 LARGEST_GAIN_ERROR = 0.2  # relative; a gain less certain than that is no answer to the request
 SMALLEST_VAF = 0.05
 
@@ -178,12 +180,19 @@ def _foreign(alone: Mapping[str, ActuatorFit | str]) -> dict[str, str]:
     fits = {name: fit for name, fit in alone.items() if isinstance(fit, ActuatorFit)}
     if not any(fit.vaf >= GOOD_VAF for fit in fits.values()):
         return {}
-    return {
-        name: f"no linear model follows it: its own best fit explains {100 * max(fit.vaf, 0):.0f} % of the "
-        "measured angle; was the request acted on?"
-        for name, fit in fits.items()
-        if fit.vaf < POOR_VAF
-    }
+    return {name: _why_foreign(fit) for name, fit in fits.items() if fit.vaf < FAIR_VAF and is_smooth(fit)}
+
+
+def _why_foreign(fit: ActuatorFit) -> str:
+    share = f"{100 * max(fit.vaf, 0):.0f} % of the measured angle"
+    told = f"no linear model follows it: its own best fit explains {share}"
+    return f"{told}; was the request acted on?" if fit.vaf < POOR_VAF else told
+
+
+def is_smooth(fit: ActuatorFit) -> bool:
+    """Whether what a fit leaves is too smooth for noise: its second differences are far smaller."""
+    roughness = np.concatenate([np.diff(residual, 2) for residual in fit.fit.residuals]) / np.sqrt(6)
+    return bool(np.sqrt(np.mean(roughness**2)) < SMOOTH * fit.rms)
 
 
 def _refuse_no_answer(fit: ActuatorFit) -> None:

@@ -13,14 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ident.estimation.actuator_fit import ActuatorFit, agreement, steering_model
-from ident.estimation.actuator_runs import RunsFit
+from ident.estimation.actuator_fit import ActuatorFit, agreement, doubted, steering_model
+from ident.estimation.actuator_runs import POOR_VAF, RunsFit
 from ident.results import Classification, Estimate, RunFit, SteeringModel
 
 ENOUGH_VAF = 0.95
 SIGNIFICANT = 0.01
 PRACTICAL_GAIN = 0.03  # relative spread between runs
 PRACTICAL_LAG = 0.1  # of the total lag, spread between runs
+LISTED = 4  # names of runs in a sentence
 
 
 @dataclass(frozen=True)
@@ -47,8 +48,16 @@ def _run_fit(name: str, alone: ActuatorFit | str, fit: RunsFit, excitation: list
         rms, vaf, samples = common or (0.0, 0.0, 0)
         return RunFit(name, excitation, samples, None, rms, vaf, None, alone)
     rms, vaf, samples = common or (alone.rms, alone.vaf, alone.samples)
+    model = steering_model(alone.fit)
     return RunFit(
-        name, excitation, samples, steering_model(alone.fit), rms, vaf, alone.vaf, fit.excluded.get(name)
+        name,
+        excitation,
+        samples,
+        doubted(model) if alone.misfit else model,
+        rms,
+        vaf,
+        alone.vaf,
+        fit.excluded.get(name),
     )
 
 
@@ -74,18 +83,37 @@ def judge(fit: RunsFit, model: SteeringModel, shape: Classification) -> Judgemen
     differ = p is not None and p < SIGNIFICANT
     matters = differ and (gain_spread > PRACTICAL_GAIN or lag_spread > PRACTICAL_LAG)
     share = f"explains {100 * max(fit.common.vaf, 0):.1f} % of the measured angle in {_runs(len(fit.used))}"
-    if fit.common.vaf >= ENOUGH_VAF and not matters:
+    nonlinear = [name for name in fit.excluded if _own_vaf(fit, name) >= POOR_VAF]
+    if fit.common.vaf >= ENOUGH_VAF and not matters and not nonlinear:
         verdict = f"{_constants(model, shape)}; {share}"
         return Judgement(verdict, adequate=True, agreement_p=p, next_step=_next(model))
     told = f"One linear model does not describe this actuator: it {share}"
     if matters:
-        told += f", and runs differ by {100 * gain_spread:.0f} % in gain and"
-        told += f" {100 * lag_spread:.0f} % in total lag"
+        told += f", with {_ranges(fits)} from run to run"
+    if nonlinear:
+        told += f"; {_listed(nonlinear)} no linear model follows"
     advice = (
         "compare the runs below by size and kind of excitation, and drive steps of three sizes: what changes "
         "with amplitude is a rate limit, a dead zone or play, which this linear model cannot have"
     )
     return Judgement(told, adequate=False, agreement_p=p, next_step=advice)
+
+
+def _own_vaf(fit: RunsFit, name: str) -> float:
+    alone = fit.alone[name]
+    return alone.vaf if isinstance(alone, ActuatorFit) else 0.0
+
+
+def _ranges(fits: Sequence[ActuatorFit]) -> str:
+    gains = [float(f.fit.shared[0]) for f in fits]
+    lags = [float(f.fit.shared[1] + f.fit.shared[2]) for f in fits]
+    gain = f"gains of {min(gains):.2f} to {max(gains):.2f}"
+    return f"{gain} and total lags of {min(lags):.2f} to {max(lags):.2f} s"
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:LISTED])
+    return shown if len(names) <= LISTED else f"{shown} and {len(names) - LISTED} more runs"
 
 
 def _spreads(fits: Sequence[ActuatorFit]) -> tuple[float, float]:

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from ident.errors import NotIdentifiable
-from ident.estimation.actuator_fit import classify, joint_covariance, steering_model
+from ident.estimation.actuator_fit import classify, doubted, joint_covariance, steering_model
 from ident.estimation.actuator_likelihood import ActuatorRecord
 from ident.estimation.actuator_runs import RunRecords, RunsFit, identify_runs
 from ident.estimation.actuator_verdict import judge, run_fits
@@ -156,7 +156,7 @@ def _result(
         verdict=judgement.verdict,
         next_step=judgement.next_step,
         pair=pair,
-        model=model,
+        model=model if judgement.adequate else doubted(model),
         classification=shape,
         classification_reason=why,
         adequate=judgement.adequate,
@@ -170,7 +170,7 @@ def _result(
         experiments=experiments,
         runs=[run.health for run in loaded.runs],
         refused=[*_refused(model), *left_out, *loaded.unreadable],
-        warnings=[*loaded.warnings, *_warnings(fit)],
+        warnings=[*loaded.warnings, *_warnings(fit, adequate=judgement.adequate)],
     )
 
 
@@ -188,7 +188,7 @@ def _refused(model: SteeringModel) -> list[Refusal]:
     ]
 
 
-def _warnings(fit: RunsFit) -> list[str]:
+def _warnings(fit: RunsFit, *, adequate: bool) -> list[str]:
     told = [f"{run}: left out of the common fit: {reason}" for run, reason in fit.excluded.items()]
     told += [
         f"{one.run}: its part {one.record + 1} begins {1e3 * one.early:.0f} ms after the request had changed"
@@ -197,7 +197,7 @@ def _warnings(fit: RunsFit) -> list[str]:
     if not fit.common.fit.converged:
         told.append("the fit has not converged: its errors are not to be trusted")
     dead_time, spread = fit.common.fit.shared[1], np.sqrt(fit.common.fit.covariance[1, 1])
-    if dead_time < -2 * spread:
+    if adequate and dead_time < -2 * spread:
         told.append(
             f"the dead time is negative ({1e3 * dead_time:.0f} ms): the measured angle leads its request; "
             "the two are stamped by different clocks"

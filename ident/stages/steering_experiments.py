@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,12 +36,30 @@ def list_experiments(data: Sequence[SteeringRun], fit: RunsFit) -> tuple[list[Ex
     for run in data:
         for number, (stretch, found) in enumerate(zip(run.stretches, run.experiments, strict=True)):
             why_not = _why_not_likelihood(run, number, fit)
-            listed += [_experiment(run.name, stretch, one, why_not, used) for one in found]
+            early = _hidden_start(run, number, fit)
+            listed += [
+                _experiment(run.name, stretch, _known_start(one, early), why_not, used) for one in found
+            ]
     fits = [
         combined(method, [record for record, _ in pairs], [model for _, model in pairs])
         for method, pairs in used.items()
     ]
     return listed, fits
+
+
+def _hidden_start(run: SteeringRun, number: int, fit: RunsFit) -> float | None:
+    """How much earlier than its first command a stretch's first change was [s], None where it was not."""
+    for one in fit.hidden:
+        if one.run == run.name and run.excited[one.record] == number:
+            return one.early
+    return None
+
+
+def _known_start(found: Found, early: float | None) -> Found:
+    """Widen the uncertainty of a step with which a stretch begins, where the fit has found it earlier."""
+    if early is None or found.level_before is not None or found.begin != 0:
+        return found
+    return replace(found, start_uncertainty=max(found.start_uncertainty, early))
 
 
 def _why_not_likelihood(run: SteeringRun, number: int, fit: RunsFit) -> str | None:
