@@ -43,6 +43,7 @@ DEAD_TIMES = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7)
 SUMS = tuple(np.geomspace(0.02, 3.0, 10).tolist())
 RATIOS = (0.02, 0.2, 0.8)
 CORNERS = 3
+OPPOSITE = 0.5  # sum of squares with a negative gain over that with a positive one: a wrong sign
 JITTER_LIMIT = 0.2  # of the period, beyond which noise is modelled in continuous time
 MISFIT_VAF = 0.02  # lost to least squares
 MISFIT_RMS = 1.1  # over that of least squares
@@ -107,10 +108,12 @@ def search_start(records: Sequence[ActuatorRecord]) -> Array:
         scored.append((score, shared))
     scored.sort(key=lambda pair: pair[0])
     corners = [shared for _, shared in scored if shared[GAIN] > 0][:CORNERS]
-    if not corners:
+    best_score, best = scored[0]
+    rest = min((score for score, shared in scored if shared[GAIN] > 0), default=np.inf)
+    if not corners or (best[GAIN] < 0 and best_score < OPPOSITE * rest):
         raise NotIdentifiable(
-            "the measured angle does not follow the request: every fit has a negative gain; "
-            "check the sign of the two signals"
+            f"the measured angle turns against its request (gain {best[GAIN]:.3g}): one of the two has the "
+            "wrong sign; check both against a turn to the left, which is positive"
         )
     fits = [fit_output_error(problem, c, problem.start(c), identify_noise=_white) for c in corners]
     return min(fits, key=lambda fit: fit.white_sum).shared

@@ -195,9 +195,24 @@ def is_smooth(fit: ActuatorFit) -> bool:
     return bool(np.sqrt(np.mean(roughness**2)) < SMOOTH * fit.rms)
 
 
+def _longest_hold(records: Sequence[ActuatorRecord]) -> float:
+    """Longest time for which the command stays the same after a change [s]."""
+    longest = 0.0
+    for record in records:
+        changes = np.flatnonzero(np.diff(record.command_values)) + 1
+        edges = np.append(record.command_times[changes], record.times[-1])
+        longest = max(longest, float(np.diff(edges).max(initial=0.0)))
+    return longest
+
+
 def _refuse_no_answer(fit: ActuatorFit) -> None:
     gain = float(fit.fit.shared[0])
     std = float(np.sqrt(fit.fit.covariance[0, 0]))
+    if std > LARGEST_GAIN_ERROR * abs(gain) and fit.vaf > POOR_VAF:
+        raise NotIdentifiable(
+            f"the answers never settle: gain {gain:.3g} ± {std:.2g}, need it to 20 %; the request is held "
+            f"for {_longest_hold(fit.records):.2f} s at most: hold a step until the angle rests, such as 5 s"
+        )
     if std > LARGEST_GAIN_ERROR * abs(gain) or fit.vaf < SMALLEST_VAF or gain <= 0:
         raise NotIdentifiable(
             f"the measured angle does not follow the request: gain {gain:.3g} ± {std:.2g}, "
