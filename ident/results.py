@@ -177,7 +177,14 @@ class InfoResult:
 
 Pair = Literal["steering_wheel", "road_wheel"]
 Classification = Literal["first_order", "overdamped", "critically_damped", "underdamped"]
-StepMethod = Literal["first_order_63", "modified_harriott"]
+StepMethod = Literal[
+    "first_order_63",
+    "tangent",
+    "sundaresan_krishnaswamy",
+    "underdamped",
+    "modified_harriott",
+    "modified_harriott_iterated",
+]
 ExperimentKind = Literal["step", "pulse", "sine", "other"]
 
 
@@ -281,6 +288,81 @@ class Noise:
 
 
 @dataclass(frozen=True)
+class AmplitudeFit:
+    """The model fitted to the steps and pulses of one size alone.
+
+    amplitude : size of the steps, unsigned [rad]
+    steps : how many
+    """
+
+    amplitude: float
+    steps: int
+    gain: Estimate
+    dead_time: Estimate
+    time_constant_1: Estimate
+    time_constant_2: Estimate
+    total_lag: Estimate
+
+
+@dataclass(frozen=True)
+class FrequencyPoint:
+    """Gain and phase at one frequency.
+
+    method : "sine" from a sine of this frequency, "h1" from the spectra of a chirp or other broadband part
+    frequency : [rad/s]; amplitude : of the sine in the request [rad], None for h1
+    gain : measured over requested amplitude [-]; phase : of the measured angle against the request [rad],
+        negative for a lag, continuous over frequency
+    gain_std, phase_std : standard errors under the coloured noise of the fit
+    harmonic_2, harmonic_3 : amplitude at twice and three times the frequency over that at the frequency [-],
+        and their standard errors; a linear system has none. None for h1
+    coherence : share of the measured power that the request explains linearly [-], None for a sine
+    """
+
+    run: str
+    method: Literal["sine", "h1"]
+    start: float
+    end: float
+    frequency: float
+    amplitude: float | None
+    gain: float
+    gain_std: float
+    phase: float
+    phase_std: float
+    harmonic_2: float | None = None
+    harmonic_2_std: float | None = None
+    harmonic_3: float | None = None
+    harmonic_3_std: float | None = None
+    coherence: float | None = None
+
+
+@dataclass(frozen=True)
+class Cutoff:
+    """Between which frequencies something ends; ``high`` is None where it lies beyond all that was driven."""
+
+    low: float
+    high: float | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class Bandwidth:
+    """The bandwidth of the steering, seen three ways.
+
+    bode : -3 dB frequency (1/sqrt 2 of the DC gain) of the identified transfer function [rad/s]
+    measured : where the measured gain crosses 1/sqrt 2 of the DC gain [rad/s]
+    sine_cutoff : the highest frequency that still changes the output significantly, and the next one driven
+    overlap : whether the intervals of the three overlap; None where the measurements do not reach that far
+    reason : in words
+    """
+
+    bode: Estimate
+    measured: Estimate
+    sine_cutoff: Cutoff | None
+    overlap: bool | None
+    reason: str
+
+
+@dataclass(frozen=True)
 class SteeringResult:
     """`ident steering`: the steering transfer function and what it was identified from.
 
@@ -288,6 +370,9 @@ class SteeringResult:
     adequate : whether the residual is explained by the noise and the runs agree with one model
     vaf : variance accounted for over all runs used
     agreement_p : p-value of the hypothesis that all runs have the same parameters
+    amplitude_p : p-value of the hypothesis that steps of all sizes have the same parameters
+    ratio : [(steering-wheel angle, road-wheel angle), ...] [rad], rising; empty where nothing tells it
+    ratio_source : "both angles", "kinematic gain at low speed" or "vehicle file"
     """
 
     schema_version: str
@@ -310,3 +395,9 @@ class SteeringResult:
     runs: list[RunHealth]
     refused: list[Refusal]
     warnings: list[str]
+    by_amplitude: list[AmplitudeFit] = field(default_factory=list)
+    amplitude_p: float | None = None
+    frequency_response: list[FrequencyPoint] = field(default_factory=list)
+    bandwidth: Bandwidth | None = None
+    ratio: list[tuple[float, float]] = field(default_factory=list)
+    ratio_source: str | None = None
