@@ -371,7 +371,7 @@ class SteeringResult:
     vaf : variance accounted for over all runs used
     agreement_p : p-value of the hypothesis that all runs have the same parameters
     amplitude_p : p-value of the hypothesis that steps of all sizes have the same parameters
-    ratio : [(steering-wheel angle, road-wheel angle), ...] [rad], rising; empty where nothing tells it
+    ratio : [[steering-wheel angle, road-wheel angle], ...] [rad], rising; empty where nothing tells it
     ratio_source : "both angles", "kinematic gain at low speed" or "vehicle file"
     """
 
@@ -399,5 +399,5 @@ class SteeringResult:
     amplitude_p: float | None = None
     frequency_response: list[FrequencyPoint] = field(default_factory=list)
     bandwidth: Bandwidth | None = None
-    ratio: list[tuple[float, float]] = field(default_factory=list)
+    ratio: list[list[float]] = field(default_factory=list)
     ratio_source: str | None = None
