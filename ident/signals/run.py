@@ -112,12 +112,14 @@ def _load(path: RunPath, log: Log, applied: AppliedFiles) -> Run:
     channel_map, channels_name = applied.map_for(path, present)
     vehicle, vehicle_name = applied.vehicle_for(path)
     run = read_run(path.name, log, channel_map, vehicle)
-    health = replace(run.health, channels=channels_name, vehicle=vehicle_name)
+    sources = {name: health.source for name, health in run.health.signals.items()}
+    late = latencies(run.signals, vehicle, sources)
+    health = replace(run.health, channels=channels_name, vehicle=vehicle_name, latencies=late)
     return replace(run, health=health)
 
 
 def read_run(name: str, log: Log, channel_map: ChannelMap, vehicle: Vehicle | None) -> Run:
-    """Read the signals of one log that a channel map names, and their health."""
+    """Read the signals of one log that a channel map names, and their health but for latencies."""
     present = {topic.name for topic in log.topics if topic.messages}
     damage = list(log.damage)
     chosen = channel_map.choose(_finder(log, present, damage))
@@ -134,7 +136,6 @@ def read_run(name: str, log: Log, channel_map: ChannelMap, vehicle: Vehicle | No
         topics=_topic_healths(log, sources, clock, zero),
         signals=healths,
         missing=[name for name in channel_map.signals if name not in signals],
-        latencies=latencies(signals, vehicle, {name: health.source for name, health in healths.items()}),
         clocks=[*clock.notes, *clock_notes({name: s.times["header"] for name, s in sources.items()}, zero)],
         damage=damage,
     )

@@ -1,0 +1,81 @@
+"""The vehicle file: all optional, all checked."""
+
+import math
+
+import pytest
+
+from ident.errors import BadRecipe
+from ident.vehicle import Vehicle, read_vehicle
+
+
+def read(tmp_path, text):
+    path = tmp_path / "vehicle.yaml"
+    path.write_text(text, encoding="utf-8")
+    return read_vehicle(path)
+
+
+def test_reads_everything_in_si(tmp_path):
+    (tmp_path / "tyre.tir").write_text("")
+    vehicle = read(
+        tmp_path,
+        "mass: 12.5 t\nyaw_inertia: 50000 kg m^2\ncg_to_front_axle: 2380 mm\ncg_to_rear_axle: 2.12 m\n"
+        "track: 2 m\ncg_height: 1.1 m\nsteering_ratio: 20.5\nreference_point: rear_axle\n"
+        "imu_position: [0.6 m, 0 m, 20 cm]\ntyres: tyre.tir\n",
+    )
+    assert vehicle == Vehicle(
+        mass=12500.0,
+        yaw_inertia=50000.0,
+        cg_to_front_axle=pytest.approx(2.38),
+        cg_to_rear_axle=2.12,
+        track=2.0,
+        cg_height=1.1,
+        steering_ratio=20.5,
+        reference_point="rear_axle",
+        imu_position=(0.6, 0.0, pytest.approx(0.2)),
+        tyres=tmp_path / "tyre.tir",
+    )
+    assert vehicle.wheelbase == pytest.approx(4.5)
+
+
+def test_what_is_missing_is_none(tmp_path):
+    assert read(tmp_path, "# nothing known\n") == Vehicle()
+    assert Vehicle(cg_to_front_axle=1.0).wheelbase is None
+
+
+def test_the_steering_ratio_may_be_a_table_of_angles(tmp_path):
+    vehicle = read(tmp_path, "steering_ratio: [[-360 deg, -17.5 deg], [0 deg, 0 deg], [360 deg, 18 deg]]")
+    assert vehicle.steering_ratio == (
+        (-2 * math.pi, pytest.approx(math.radians(-17.5))),
+        (0.0, 0.0),
+        (2 * math.pi, pytest.approx(math.radians(18))),
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("mas: 3 kg", "unknown key 'mas', did you mean 'mass'?"),
+        ("mass: 12500", "mass: '12500' is no quantity with a unit, need such as '1 kg'"),
+        ("mass: 3 m", "mass: unit 'm' does not fit, need a unit of 'kg'"),
+        ("mass: -3 kg", "mass: -3 is not positive"),
+        ("track: 0 m", "track: 0 is not positive"),
+        ("reference_point: front", "reference_point: 'front' is not one of rear_axle, cg"),
+        ("imu_position: [1 m, 2 m]", "imu_position: ['1 m', '2 m'] is no point"),
+        ("steering_ratio: -20", "steering_ratio: -20 is not positive"),
+        (
+            "steering_ratio: [[1 rad, 1 rad]]",
+            "steering_ratio: need a number such as 20.5, or at least two rows",
+        ),
+        ("steering_ratio: [[1 rad, 1 rad], [0 rad, 2 rad]]", "must rise from row to row"),
+        ("steering_ratio: [[1, 0.1], [2, 0.2]]", "steering_ratio: '1' is no quantity with a unit"),
+        ("tyres: gone.tir", "tyres: there is no file"),
+        ("mass: 1 kg\nmass: 2 kg", "is not YAML"),
+        ("- mass", "need a mapping"),
+    ],
+)
+def test_refuses_what_is_wrong_in_one_line(tmp_path, text, reason):
+    with pytest.raises(BadRecipe) as caught:
+        read(tmp_path, text)
+    assert str(caught.value).startswith(str(tmp_path / "vehicle.yaml"))
+    assert reason in str(caught.value)
+    assert "\n" not in str(caught.value)
