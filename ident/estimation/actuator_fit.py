@@ -1,8 +1,8 @@
 """Fit of the steering actuator (2.25): a start from the data, the likelihood, what it says of K, L, T1, T2.
 
 The start needs no guess: for given dead time and lags the model is linear in everything else, so a coarse
-grid of (L, T1 + T2, damping) is scored by linear least squares on thinned samples, and the best few corners
-of it are refined.
+grid of (L, T1 + T2, damping) is scored by linear least squares on thinned samples, and the best corner of
+each damping is refined.
 
 T1 and T2 follow from a1 = T1 + T2 and rho = T1 T2 / a1² by T1,2 = a1 (1 +- sqrt(1 - 4 rho)) / 2, which is
 strongly curved near critical damping. Their intervals are therefore the percentiles of that function over
@@ -39,10 +39,9 @@ Array = NDArray[np.float64]
 
 THINNED_SAMPLES = 3000
 THINNED_RECORDS = 24
-DEAD_TIMES = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.7)
+DEAD_TIMES = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.27, 0.35, 0.45, 0.57, 0.75, 1.0)
 SUMS = tuple(np.geomspace(0.02, 3.0, 10).tolist())
 RATIOS = (0.02, 0.2, 0.8)
-CORNERS = 3
 OPPOSITE = 0.5  # sum of squares with a negative gain over that with a positive one: a wrong sign
 JITTER_LIMIT = 0.2  # of the period, beyond which noise is modelled in continuous time
 MISFIT_VAF = 0.02  # lost to least squares
@@ -107,7 +106,9 @@ def search_start(records: Sequence[ActuatorRecord]) -> Array:
         shared[GAIN] += 1.0
         scored.append((score, shared))
     scored.sort(key=lambda pair: pair[0])
-    corners = [shared for _, shared in scored if shared[GAIN] > 0][:CORNERS]
+    following = [shared for _, shared in scored if shared[GAIN] > 0]
+    shapes = [[shared for shared in following if shared[RATIO] == ratio] for ratio in RATIOS]
+    corners = [ordered[0] for ordered in shapes if ordered]  # one a shape: they lie in different valleys
     best_score, best = scored[0]
     rest = min((score for score, shared in scored if shared[GAIN] > 0), default=np.inf)
     if not corners or (best[GAIN] < 0 and best_score < OPPOSITE * rest):

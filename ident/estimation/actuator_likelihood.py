@@ -167,9 +167,7 @@ class ActuatorProblem:
         gain, dead_time, a1, ratio = shared[:BIAS]
         a2 = ratio * a1**2
         since_first = record.times - times[1] - dead_time
-        matters = float(
-            times[1] + dead_time > record.times[0]
-        )  # what was before the first command still acts
+        matters = float(times[1] + dead_time > record.times[0])  # what was before the first still acts
         unknown = matters * (1 - free[0] - step_response(a1, a2, since_first))
         size = gain * record.first - before
         earlier = -matters * size * impulse_response(a1, a2, since_first)

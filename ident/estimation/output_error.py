@@ -30,6 +30,7 @@ MAX_ITERATIONS = 30
 MAX_DAMPINGS = 12
 MILD = 1e-2  # damping below which a small step means the end and not a short leash
 CORRELATION_LENGTHS = 5
+IDLE = 4  # small steps in a row that mean the end however short the leash
 NEGLIGIBLE = 1e-5  # gain of 2 log likelihood that is no gain
 NOISE_ROUNDS = 6
 CONVERGED = 1e-4  # step in standard deviations
@@ -158,7 +159,7 @@ class _State:
 
 def _gauss_newton(problem: Problem, state: _State) -> tuple[_State, Array, list[_Reduced], bool]:
     """Damped Gauss-Newton at a fixed noise model; the damping is Levenberg's, on the shared parameters."""
-    damping = 0.0
+    damping, idle = 0.0, 0
     value = _white_sum(state.records, state.shape, state.std)
     for _ in range(MAX_ITERATIONS):
         reduced = [_reduce(r, state.shape, state.std) for r in state.records]
@@ -178,7 +179,8 @@ def _gauss_newton(problem: Problem, state: _State) -> tuple[_State, Array, list[
         size = float(np.linalg.norm(triangle @ (tried.shared - state.shared)))
         gained, value, state = value - trial, trial, tried
         done = size < CONVERGED * state.std or gained < NEGLIGIBLE * state.std**2
-        if done and damping <= MILD:
+        idle = idle + 1 if done else 0
+        if done and (damping <= MILD or idle >= IDLE):
             return state, triangle, reduced, True
         damping = 0.0 if damping < 1e-6 else damping / 8
     return state, triangle, reduced, False
