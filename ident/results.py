@@ -250,6 +250,8 @@ class StepFit:
     steps: int
     spread: dict[str, float | None] = field(default_factory=dict)
     reason: str | None = None
+    natural_frequency: float | None = None
+    damping_ratio: float | None = None
 
 
 @dataclass(frozen=True)

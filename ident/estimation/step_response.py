@@ -1,49 +1,33 @@
-r"""Step-response methods for K exp(-L s) / ((T1 s + 1)(T2 s + 1)), one step at a time.
+"""Reading a step response: where it rests, when it passes a level, when it begins to move.
 
-* 63.2 % (2.15-2.16): K = dy/du, tau = t_63 - L, one lag.
-* Modified Harriott (2.20-2.23): t_72 is when 72 % of the change is reached;
-  sum = (t_72 - L)/1.25; at t_z = L + 0.4 (t_72 - L) responses of different z = T1/(T1 + T2) differ most, and
-  z is read from the curve y_z(z); T1 = z sum, T2 = (1 - z) sum. Where y_z lies below the lower end of the
-  curve the dead time is raised, where it lies above the upper end it is lowered.
-
-The curves are computed from the exact step response, never read from a figure. With the time scaled by
-T1 + T2 the response is 1 - (z exp(-t/z) - (1-z) exp(-t/(1-z)))/(2z - 1).
+A response is brought to the scale from zero (the level before the step) to one (where it settles).
+Everything here is a hand method, made repeatable: means over what is flat, lines through what is steep.
 
 Dead time: the source reads it off the plot. Here the early response of two lags, y ~ (t - L)²/(2 T1 T2),
 is made a line by its square root and extrapolated to zero; a first-order start is steeper than that line
 and gives an L that is late by a fraction of a sample.
-
-These are hand methods, reported beside the likelihood. They assume that the step begins and ends at rest.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from ident.dynamics.second_order import step_response
 from ident.errors import NotIdentifiable
-from ident.results import StepFit, StepMethod
 
 Array = NDArray[np.float64]
 
-HARRIOTT_LEVEL = 0.72
-HARRIOTT_TIME = 1.25  # t_72 - L over T1 + T2, the source's mean over z
-EARLY = 0.4  # t_z - L over t_72 - L
-EARLY_BAND = (
-    0.01,
-    0.06,
-)  # of the change: where the start is a parabola; from 4 to 12 sigma where that is more
+EARLY_BAND = (0.01, 0.06)  # of the change: where the start is a parabola; 4 to 12 sigma where that is more
 AROUND = 0.08  # of the change: samples about a level through which a line gives its time
 SETTLED = 0.02  # of the change: largest move over the last fifth of the hold
 TAIL = 0.2
 FEWEST = 3
-ALMOST_FIRST = 1 - 1e-6
-DEAD_TIME_STEPS = 60
+TANGENTS = 81  # places at which the slope is tried
+PEAK_SAMPLES = 3  # on each side of the highest
+SMALLEST_OVERSHOOT = 0.01
 NO_LAG = 1e-6  # T1 T2 / (T1 + T2)² that stands for a single lag
 
 
@@ -63,67 +47,31 @@ class StepRecord:
 
 @dataclass(frozen=True)
 class StepModel:
-    """What a step method gives; ``time_constant_2`` is None for one lag.
+    """What a step method gives: one lag, two lags, or natural frequency and damping ratio.
 
-    level : measured value before the step [rad]
+    gain [-]; dead_time, time_constant_1, time_constant_2 [s]; natural_frequency [rad/s]; damping_ratio [-]
     """
 
     gain: float
     dead_time: float
-    time_constant_1: float
-    time_constant_2: float | None
-    level: float
-    rms_error: float
+    time_constant_1: float | None = None
+    time_constant_2: float | None = None
+    natural_frequency: float | None = None
+    damping_ratio: float | None = None
 
-
-def combined(method: StepMethod, records: Sequence[StepRecord], models: Sequence[StepModel]) -> StepFit:
-    """Medians over steps, their spread, and how well the median model describes all of them.
-
-    records, models : one each a step that the method could use
-    """
-    if not models:
-        return StepFit(method, None, None, None, None, None, 0, reason="no step begins and ends at rest")
-    names = ("gain", "dead_time", "time_constant_1", "time_constant_2")
-    columns = {name: [getattr(m, name) for m in models] for name in names}
-    middle = {name: _median(values) for name, values in columns.items()}
-    spread = {
-        name: float(np.std(values, ddof=1)) if len(models) > 1 and middle[name] is not None else None
-        for name, values in columns.items()
-    }
-    errors = [_errors(record, model, middle) for record, model in zip(records, models, strict=True)]
-    rms = float(np.sqrt(np.mean(np.square(np.concatenate(errors)))))
-    return StepFit(
-        method=method,
-        gain=middle["gain"],
-        dead_time=middle["dead_time"],
-        time_constant_1=middle["time_constant_1"],
-        time_constant_2=middle["time_constant_2"],
-        rms_error=rms,
-        steps=len(models),
-        spread=spread,
-    )
-
-
-def _median(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.median(known)) if known else None
-
-
-def _errors(record: StepRecord, model: StepModel, middle: Mapping[str, float | None]) -> Array:
-    """(n,) measured minus the median model, from the level at which the step began [rad]."""
-    first, second = middle["time_constant_1"] or 0.0, middle["time_constant_2"] or 0.0
-    change = (middle["gain"] or 0.0) * record.request
-    shape = _two_lags(record.times - (middle["dead_time"] or 0.0), first, second)
-    return record.measured - model.level - change * shape
-
-
-def _two_lags(t: Array, first: float, second: float) -> Array:
-    total = first + second
-    return step_response(total, max(first * second, NO_LAG * total**2), t)
+    def unit_response(self, t: Array) -> Array:
+        """(n,) response to a unit step at t = 0 without the gain, t [s]."""
+        if self.natural_frequency is not None and self.damping_ratio is not None:
+            total, product = 2 * self.damping_ratio / self.natural_frequency, self.natural_frequency**-2
+        else:
+            first, second = self.time_constant_1 or 0.0, self.time_constant_2 or 0.0
+            total = first + second
+            product = max(first * second, NO_LAG * total**2)
+        return step_response(total, product, t - self.dead_time)
 
 
 @dataclass(frozen=True)
-class _Response:
+class Response:
     """A step response from zero to one.
 
     times : (n,) since the step [s]; y : (n,) share of the change reached
@@ -137,65 +85,7 @@ class _Response:
     noise: float
 
 
-def first_order_63(record: StepRecord) -> StepModel:
-    """63.2 % method (2.15-2.16): one lag and a dead time.
-
-    Raises
-    ------
-    NotIdentifiable
-        If the step does not begin and end at rest, or is too small for its noise.
-    """
-    response = _normalised(record)
-    dead_time = _dead_time(response)
-    constant = _time_of(response, 1 - np.exp(-1.0)) - dead_time
-    if constant <= 0:
-        raise NotIdentifiable("63.2 % is reached before the dead time ends: sample faster")
-    return _model(record, response, (dead_time, constant, None))
-
-
-def modified_harriott(record: StepRecord) -> StepModel:
-    """Two lags and a dead time by the modified Harriott method (2.20-2.23), with t_72/sum = 1.25.
-
-    Raises
-    ------
-    NotIdentifiable
-        If the step does not begin and end at rest, is too small for its noise, or no dead time brings the
-        early response onto the curve of two real lags.
-    """
-    response = _normalised(record)
-    t_72 = _time_of(response, HARRIOTT_LEVEL)
-    dead_time = _onto_curve(response, t_72, _dead_time(response))
-    total = (t_72 - dead_time) / HARRIOTT_TIME
-    z = _share(_early_level(response, t_72, dead_time))
-    return _model(record, response, (dead_time, z * total, (1 - z) * total))
-
-
-def early_level(z: float) -> float:
-    """y_z: share of the change at 0.4 t_72, of two lags with T1 = z (T1 + T2); 0.270 ... 0.399."""
-    return float(_unit_response(EARLY * scaled_time_72(z), z))
-
-
-def scaled_time_72(z: float) -> float:
-    """tau_72: time to 72 % over T1 + T2, of two lags with T1 = z (T1 + T2); 1.246 ... 1.273."""
-    return float(brentq(lambda x: _unit_response(x, z) - HARRIOTT_LEVEL, 0.5, 3.0, xtol=1e-13))
-
-
-def _unit_response(t: float, z: float) -> float:
-    inside = min(z, ALMOST_FIRST)
-    return float(step_response(1.0, inside * (1 - inside), np.array([t]))[0])
-
-
-def _share(level: float) -> float:
-    """The z in [0.5, 1] at which y_z(z) has the level; an end of it outside the curve."""
-    low, high = early_level(0.5), early_level(1.0)
-    if level <= low:
-        return 0.5
-    if level >= high:
-        return 1.0
-    return float(brentq(lambda z: early_level(z) - level, 0.5, 1.0, xtol=1e-10))
-
-
-def _normalised(record: StepRecord) -> _Response:
+def normalised(record: StepRecord) -> Response:
     """Levels before and after, by their means; refuses what does not rest there."""
     times, measured = record.times, record.measured
     before = measured[times <= 0]
@@ -218,7 +108,7 @@ def _normalised(record: StepRecord) -> _Response:
     if abs(change) < 10 * noise:
         raise NotIdentifiable(f"the change of {change:.3g} rad is not 10 times its noise of {noise:.2g} rad")
     _refuse_moving_start(times, measured, level, change, noise)
-    return _Response(times, (measured - level) / change, level, change, noise / abs(change))
+    return Response(times, (measured - level) / change, level, change, noise / abs(change))
 
 
 def _refuse_moving_start(times: Array, measured: Array, level: float, change: float, noise: float) -> None:
@@ -231,7 +121,7 @@ def _refuse_moving_start(times: Array, measured: Array, level: float, change: fl
         )
 
 
-def _time_of(response: _Response, level: float) -> float:
+def time_of(response: Response, level: float) -> float:
     """Time at which the response passes a level: a line through the samples about its first crossing."""
     above = np.flatnonzero((response.y >= level) & (response.times > 0))
     if above.size == 0:
@@ -252,9 +142,9 @@ def _time_of(response: _Response, level: float) -> float:
     return float(offset)
 
 
-def _dead_time(response: _Response) -> float:
+def dead_time(response: Response) -> float:
     """Where the square root of the early response, extended as a line, meets zero; at least zero."""
-    t_half = _time_of(response, 0.5)
+    t_half = time_of(response, 0.5)
     low = max(EARLY_BAND[0], 4 * response.noise)
     high = max(EARLY_BAND[1], 3 * low)
     early = (response.times > 0) & (response.times < t_half) & (response.y > low) & (response.y < high)
@@ -269,44 +159,43 @@ def _dead_time(response: _Response) -> float:
     return float(np.clip(-offset / slope, 0.0, response.times[early][0]))
 
 
-def _early_level(response: _Response, t_72: float, dead_time: float) -> float:
-    """Share of the change reached at t_z = L + 0.4 (t_72 - L)."""
-    at = dead_time + EARLY * (t_72 - dead_time)
-    return float(np.interp(at, response.times, response.y))
+def steepest(response: Response) -> tuple[float, float, float]:
+    """Time [s], level [-] and slope [1/s] of the tangent at the point of inflection.
+
+    The slope is that of a line through the samples within a quarter of the time from 10 to 90 %.
+    """
+    begin, end = time_of(response, 0.1), time_of(response, 0.9)
+    half = max((end - begin) / 8, 1e-9)
+    best = (0.0, 0.0, 0.0)
+    for middle in np.linspace(begin, end, TANGENTS):
+        near = np.abs(response.times - middle) <= half
+        if near.sum() < FEWEST:
+            nearest = np.argsort(np.abs(response.times - middle))[:FEWEST]
+            near = np.zeros_like(near)
+            near[nearest] = True
+        slope, level = np.polyfit(response.times[near] - middle, response.y[near], 1)
+        if slope > best[2]:
+            best = (float(middle), float(level), float(slope))
+    return best
 
 
-def _onto_curve(response: _Response, t_72: float, dead_time: float) -> float:
-    """Raise or lower the dead time until y_z lies on the curve of two real lags."""
-    low, high = early_level(0.5), early_level(1.0)
-    step = t_72 / DEAD_TIME_STEPS
-    for _ in range(2 * DEAD_TIME_STEPS):
-        level = _early_level(response, t_72, dead_time)
-        if low <= level <= high:
-            return dead_time
-        dead_time += step if level < low else -step
-        if not 0 <= dead_time < t_72:
-            break
-        step *= 0.95
-    reached = _early_level(response, t_72, float(np.clip(dead_time, 0.0, t_72)))
-    raise NotIdentifiable(
-        f"{100 * reached:.0f} % of the change at 0.4 t_72, two real lags give {100 * low:.0f} to "
-        f"{100 * high:.0f} %: underdamped, rate-limited or not a step"
-    )
+def overshoot(response: Response) -> tuple[float, float]:
+    """Time [s] of the first peak, by a parabola through its top, and by how much it passes one [-].
 
-
-def _model(
-    record: StepRecord, response: _Response, constants: tuple[float, float, float | None]
-) -> StepModel:
-    dead_time, first, second = constants
-    shape = _two_lags(record.times - dead_time, first, second or 0.0)
-    error = record.measured - response.level - response.change * shape
-    if second is not None and second > first:
-        first, second = second, first
-    return StepModel(
-        gain=response.change / record.request,
-        dead_time=dead_time,
-        time_constant_1=first,
-        time_constant_2=second,
-        level=response.level,
-        rms_error=float(np.sqrt(np.mean(error**2))),
-    )
+    Raises
+    ------
+    NotIdentifiable
+        If the response does not pass its final value by more than its noise.
+    """
+    top = int(np.argmax(response.y))
+    near = slice(max(top - PEAK_SAMPLES, 0), top + PEAK_SAMPLES + 1)
+    t, y = response.times[near] - response.times[top], response.y[near]
+    bend, slope, level = np.polyfit(t, y, 2)
+    at = float(np.clip(-slope / (2 * bend), t[0], t[-1])) if bend < 0 else 0.0
+    height = float(level + slope * at + bend * at**2) - 1.0
+    needed = max(SMALLEST_OVERSHOOT, 4 * response.noise)
+    if height < needed:
+        raise NotIdentifiable(
+            f"overshoot of {100 * height:.1f} %, need {100 * needed:.1f} %: the response is not underdamped"
+        )
+    return float(response.times[top]) + at, height

@@ -48,16 +48,29 @@ PARAMETERS = (
 METHODS = {
     "likelihood": "maximum likelihood, all runs",
     "first_order_63": "63.2 % point, one lag",
+    "tangent": "tangent at the inflection, one lag",
+    "sundaresan_krishnaswamy": "Sundaresan–Krishnaswamy, one lag",
+    "underdamped": "overshoot and peak time",
     "modified_harriott": "modified Harriott",
+    "modified_harriott_iterated": "modified Harriott, iterated",
 }
 
 SHORT_METHODS = {
     "likelihood": "likelihood",
     "first_order_63": "63.2 %",
+    "tangent": "tangent",
+    "sundaresan_krishnaswamy": "Sundaresan",
+    "underdamped": "overshoot",
     "modified_harriott": "Harriott",
+    "modified_harriott_iterated": "Harriott iterated",
 }
 
-EQUATIONS = {"first_order_63": "(2.15–2.16)", "modified_harriott": "(2.20–2.23)"}
+EQUATIONS = {
+    "first_order_63": "(2.15–2.16)",
+    "underdamped": "(2.19)",
+    "modified_harriott": "(2.20–2.23)",
+    "modified_harriott_iterated": "(2.20–2.23)",
+}
 
 SIGNALS_OF_PAIR = {
     "steering_wheel": ("steering_wheel_request", "steering_wheel_angle"),

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ident.results import Damage, InfoResult, RunHealth, TopicHealth
+from ident.results import Damage, InfoResult, Latency, RunHealth, TopicHealth
 
 WIDTH = 100
 MOST_DAMAGE = 8
+SMALLEST_LATENCY = 0.005
 
 
 def describe(result: InfoResult) -> str:
@@ -30,9 +31,11 @@ def _describe_run(run: RunHealth) -> Iterator[str]:
     yield f"  files     channels: {run.channels}; vehicle: {run.vehicle}"
     yield from _listed("signals", [_signal(name, run) for name in run.signals])
     yield from _listed("missing", run.missing)
+    if not run.signals:
+        yield from _listed("topics", [f"{t.name} ({t.type}, {t.messages} messages)" for t in run.topics])
     yield from _listed("gaps", [text for topic in run.topics if (text := _gaps(topic))])
     yield from _listed("order", [text for topic in run.topics if (text := _order(topic))])
-    yield from _listed("late", [_latency(run, i) for i in range(len(run.latencies))])
+    yield from _listed("late", [_latency(late) for late in run.latencies if _matters(late)])
     for note in run.clocks:
         yield f"  clocks    {note}"
     for damage in run.damage[:MOST_DAMAGE]:
@@ -64,13 +67,18 @@ def _order(topic: TopicHealth) -> str:
     return f"{topic.name} {' and '.join(found)}" if found else ""
 
 
-def _latency(run: RunHealth, index: int) -> str:
-    late = run.latencies[index]
-    if late.delay.value is None or late.delay.low is None or late.delay.high is None:
-        return f"{late.signal} against {late.reference}: {late.delay.reason}"
-    interval = f"{late.delay.low * 1e3:.0f} to {late.delay.high * 1e3:.0f} ms"
-    weak = f", {late.delay.status}: {late.delay.reason}" if late.delay.reason else ""
-    return f"{late.signal} {late.delay.value * 1e3:.0f} ms against {late.reference} ({interval}{weak})"
+def _matters(late: Latency) -> bool:
+    """Whether a latency is surely not zero, and long enough to care."""
+    delay = late.delay
+    if delay.value is None or delay.low is None or delay.high is None:
+        return False
+    return abs(delay.value) > SMALLEST_LATENCY and not delay.low <= 0 <= delay.high
+
+
+def _latency(late: Latency) -> str:
+    value, low, high = (1e3 * (part or 0.0) for part in (late.delay.value, late.delay.low, late.delay.high))
+    weak = f"; {late.delay.reason}" if late.delay.reason else ""
+    return f"{late.signal} {value:.0f} ms against {late.reference} ({low:.0f} to {high:.0f} ms{weak})"
 
 
 def _damage(damage: Damage) -> str:

@@ -18,7 +18,7 @@ def info(logs: Sequence[Path], inputs: InputSettings, context: Context) -> Stage
     UnusableLog
         If there is no log, or none of them can be read.
     """
-    loaded = load(logs, inputs, context)
+    loaded = load(logs, inputs, context, every_topic=True)
     return StageOutput(
         InfoResult(
             schema_version=SCHEMA_VERSION,

@@ -74,8 +74,14 @@ class InputSettings(BaseModel):
     seed: int = 0
 
 
-def load(logs: Sequence[Path], settings: InputSettings, context: Context) -> LoadedLogs:
+def load(
+    logs: Sequence[Path], settings: InputSettings, context: Context, *, every_topic: bool = False
+) -> LoadedLogs:
     """Read all runs, with the latencies that the settings state taken out.
+
+    Parameters
+    ----------
+    every_topic : look at the topics that no signal needs, too
 
     Raises
     ------
@@ -85,7 +91,11 @@ def load(logs: Sequence[Path], settings: InputSettings, context: Context) -> Loa
         If a channel map or vehicle file is wrong.
     """
     loaded = load_runs(
-        logs, channels=_files(settings.channels), vehicle=settings.vehicle, progress=context.progress
+        logs,
+        channels=_files(settings.channels),
+        vehicle=settings.vehicle,
+        every_topic=every_topic,
+        progress=context.progress,
     )
     return replace(loaded, runs=[_without_latency(run, settings.align.latency) for run in loaded.runs])
 

@@ -37,6 +37,7 @@ from ident.results import (
 from ident.signals.run import LoadedLogs
 from ident.stages.inputs import InputSettings, load, provenance
 from ident.stages.output import Context, StageOutput
+from ident.stages.steering_amplitude import amplitude_fits
 from ident.stages.steering_experiments import list_experiments
 from ident.stages.steering_tables import steering_tables
 
@@ -149,6 +150,7 @@ def _result(
     shape, why = classify(fit.common.fit)
     judgement = judge(fit, model, shape)
     experiments, step_methods = list_experiments(data, fit)
+    by_amplitude, amplitude_p = amplitude_fits(data, fit)
     excitation = {run.name: _kinds(run.name, experiments) for run in data}
     return SteeringResult(
         schema_version=SCHEMA_VERSION,
@@ -170,6 +172,8 @@ def _result(
         experiments=experiments,
         runs=[run.health for run in loaded.runs],
         refused=[*_refused(model), *left_out, *loaded.unreadable],
+        by_amplitude=by_amplitude,
+        amplitude_p=amplitude_p,
         warnings=[*loaded.warnings, *_warnings(fit, adequate=judgement.adequate)],
     )
 

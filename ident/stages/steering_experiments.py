@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ident.errors import NotIdentifiable
 from ident.estimation.actuator_runs import RunsFit
-from ident.estimation.step_response import (
-    StepModel,
-    StepRecord,
-    combined,
-    first_order_63,
-    modified_harriott,
-)
+from ident.estimation.step_methods import STEP_METHODS, combined
+from ident.estimation.step_response import StepModel, StepRecord
 from ident.experiments.found import Found
 from ident.experiments.steering_data import SteeringRun
 from ident.experiments.stretches import Stretch
 from ident.results import Experiment, StepFit, StepMethod
 
-STEP_METHODS: Mapping[StepMethod, Callable[[StepRecord], StepModel]] = {
-    "first_order_63": first_order_63,
-    "modified_harriott": modified_harriott,
-}
 LIKELIHOOD = "likelihood"
 SHOWN_BEFORE = 0.5  # [s] of rest before a step that a step method sees
 
@@ -40,10 +31,7 @@ def list_experiments(data: Sequence[SteeringRun], fit: RunsFit) -> tuple[list[Ex
             listed += [
                 _experiment(run.name, stretch, _known_start(one, early), why_not, used) for one in found
             ]
-    fits = [
-        combined(method, [record for record, _ in pairs], [model for _, model in pairs])
-        for method, pairs in used.items()
-    ]
+    fits = [combined(method, pairs) for method, pairs in used.items()]
     return listed, fits
 
 

@@ -74,6 +74,7 @@ def steering_page(result: SteeringResult, tables: Mapping[str, pd.DataFrame]) ->
                 _blocks(figures.runs_compared(result), tables_of.by_run(result)),
                 "Runs",
             ),
+            *_amplitude(result),
             Section("methods", "Step methods side by side", [tables_of.step_methods(result)], "Step methods"),
             Section("residual", "Residual", _residual(result, tables["steering"])),
             Section("experiments", "Experiments", _experiments(result)),
@@ -83,6 +84,13 @@ def steering_page(result: SteeringResult, tables: Mapping[str, pd.DataFrame]) ->
             Section("provenance", "Provenance", health.provenance_blocks(result.provenance)),
         ],
     )
+
+
+def _amplitude(result: SteeringResult) -> list[Section]:
+    if not result.by_amplitude:
+        return []
+    blocks = _blocks(figures.amplitudes_compared(result), tables_of.by_amplitude(result))
+    return [Section("amplitude", "Dependence on amplitude", blocks, "Amplitude")]
 
 
 def _verdict(result: SteeringResult) -> Verdict:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from ident.report import figures, residuals, responses
 from ident.report.condense import Array, Line, evenly, thinned
-from ident.report.numbers import count, shorten
+from ident.report.numbers import count, shorten, significant
 from ident.report.page import Figure
 from ident.report.steering_parameters import PARAMETERS
-from ident.results import Estimate, Noise, RunFit, SteeringResult
+from ident.results import AmplitudeFit, Estimate, Noise, SteeringModel, SteeringResult
 
 TIME_OF_STEP = "time since the step [s]"
 TIME_OF_SINE = "time since the sine began [s]"
@@ -121,11 +122,8 @@ def runs_compared(result: SteeringResult) -> Figure | None:
     fits = [fit for fit in result.by_run if fit.model is not None][:MOST_RUNS_COMPARED]
     if len(fits) < 2:
         return None
-    panels = [_parameter_panel(result, fits, index) for index in range(PARAMETERS_COMPARED)]
-    layout = figures.Layout(
-        columns=len(panels), row_height=82 + 26 * len(fits), left=190, gap=22, legend=False
-    )
-    spec, height = figures.grid(panels, layout)
+    names = [shorten(fit.run, 26) for fit in fits]
+    spec, height = _compared(result, names, [fit.model for fit in fits])
     caption = "Dots: each run alone, with its 95 % interval. Line and band: the model common to all runs."
     left_out = len(result.by_run) - len(fits)
     if left_out:
@@ -134,10 +132,44 @@ def runs_compared(result: SteeringResult) -> Figure | None:
     return Figure(spec, height, "Do the runs agree?", caption)
 
 
-def _parameter_panel(result: SteeringResult, fits: Sequence[RunFit], index: int) -> figures.Panel:
+def amplitudes_compared(result: SteeringResult) -> Figure | None:
+    """Draw each parameter as fitted to the steps of each size alone against the common interval."""
+    fits = result.by_amplitude[:MOST_RUNS_COMPARED]
+    if len(fits) < 2:
+        return None
+    names = [f"{significant(fit.amplitude)} rad ({fit.steps}×)" for fit in fits]
+    spec, height = _compared(result, names, fits)
+    caption = "Dots: the steps of each size alone, with 95 % intervals. Line and band: the common model."
+    return Figure(spec, height, _amplitude_question(result), caption)
+
+
+def _amplitude_question(result: SteeringResult) -> str:
+    p = result.amplitude_p
+    if p is None:
+        return "Do steps of different size agree?"
+    told = "p < 0.001" if p < 0.001 else f"p = {p:.2g}"
+    return f"Do steps of different size agree? {'Yes' if p >= 0.05 else 'No'} ({told})"
+
+
+def _compared(
+    result: SteeringResult, names: Sequence[str], models: Sequence[SteeringModel | AmplitudeFit | None]
+) -> tuple[dict[str, Any], int]:
+    panels = [_parameter_panel(result, names, models, index) for index in range(PARAMETERS_COMPARED)]
+    layout = figures.Layout(
+        columns=len(panels), row_height=82 + 26 * len(names), left=190, gap=22, legend=False
+    )
+    return figures.grid(panels, layout)
+
+
+def _parameter_panel(
+    result: SteeringResult,
+    names: Sequence[str],
+    models: Sequence[SteeringModel | AmplitudeFit | None],
+    index: int,
+) -> figures.Panel:
     parameter = PARAMETERS[index]
     common = _interval(getattr(result.model, parameter.field))
-    own = np.array([_interval(getattr(fit.model, parameter.field)) for fit in fits])
+    own = np.array([_interval(getattr(model, parameter.field)) for model in models])
     known = np.flatnonzero(np.isfinite(own[:, 0]))
     unit = getattr(result.model, parameter.field).unit
     marks = []
@@ -153,7 +185,7 @@ def _parameter_panel(result: SteeringResult, fits: Sequence[RunFit], index: int)
         x=parameter.name + (f" [{unit}]" if unit != "1" else ""),
         y="",
         x_range=shown_range(np.vstack([own, common])),
-        categories=[shorten(fit.run, 26) for fit in fits] if index == 0 else [""] * len(fits),
+        categories=list(names) if index == 0 else [""] * len(names),
         marks=marks,
         ticks=(4, 7),
     )

@@ -184,14 +184,40 @@ def step_methods(result: SteeringResult) -> Table:
 
 
 def _method_row(fit: StepFit, fields: Sequence[str]) -> list[Cell]:
-    name = f"{METHODS[fit.method]} {EQUATIONS[fit.method]}"
-    row = [Cell(name, detail=fit.reason), Cell(str(fit.steps))]
+    name = f"{METHODS[fit.method]} {EQUATIONS.get(fit.method, '')}".strip()
+    row = [Cell(name, detail=fit.reason or _damping(fit)), Cell(str(fit.steps))]
     for field in fields:
         value, spread = getattr(fit, field), fit.spread.get(field)
         row.append(_median_cell(value, spread))
     error = fit.rms_error
     row.append(Cell(NONE if error is None else significant(error * 1e3), raw=error))
     return row
+
+
+def _damping(fit: StepFit) -> str | None:
+    if fit.natural_frequency is None or fit.damping_ratio is None:
+        return None
+    return f"ωₙ = {significant(fit.natural_frequency)} rad/s, ζ = {significant(fit.damping_ratio)}"
+
+
+def by_amplitude(result: SteeringResult) -> Table:
+    """Give the fit to the steps of each size alone."""
+    shown = PARAMETERS[:5]
+    columns = [
+        Column("size of the steps [rad]", "number"),
+        Column("steps", "number"),
+        *[Column(_head(parameter.symbol, parameter.field), "number") for parameter in shown],
+    ]
+    rows = [
+        [
+            Cell(significant(fit.amplitude), raw=fit.amplitude),
+            Cell(str(fit.steps)),
+            *[_spread_cell(getattr(fit, parameter.field)) for parameter in shown],
+        ]
+        for fit in result.by_amplitude
+    ]
+    notes = ["maximum likelihood of the steps and pulses of one size (within 5 %) alone, with 95 % intervals"]
+    return Table(columns, rows, notes=notes, download="by_amplitude.csv")
 
 
 def _median_cell(value: float | None, spread: float | None) -> Cell:
