@@ -27,11 +27,13 @@ def describe(result: InfoResult) -> str:
 
 
 def _describe_run(run: RunHealth) -> Iterator[str]:
-    yield f"{run.name}: {_seconds(run.duration)} from {run.start}, {run.format}"
+    when = f"{_seconds(run.duration)} from {run.start}" if run.start else "no messages"
+    yield f"{run.name}: {when}, {run.format}"
     yield f"  files     channels: {run.channels}; vehicle: {run.vehicle}"
     yield from _listed("signals", [_signal(name, run) for name in run.signals])
     yield from _listed("missing", run.missing)
-    if not run.signals:
+    if not run.signals and run.start:
+        yield "  signals   none: `ident init LOGS` guesses a channel map"
         yield from _listed("topics", [f"{t.name} ({t.type}, {t.messages} messages)" for t in run.topics])
     yield from _listed("gaps", [text for topic in run.topics if (text := _gaps(topic))])
     yield from _listed("order", [text for topic in run.topics if (text := _order(topic))])

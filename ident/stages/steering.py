@@ -8,7 +8,7 @@ actuator was excited is a nonlinearity that the linear model cannot have.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,7 @@ from ident.stages.inputs import InputSettings, load, provenance
 from ident.stages.output import Context, StageOutput
 from ident.stages.steering_amplitude import amplitude_fits
 from ident.stages.steering_experiments import list_experiments
+from ident.stages.steering_ratio import ratio_map
 from ident.stages.steering_tables import steering_tables
 
 DEGREES = 180 / np.pi
@@ -87,6 +88,7 @@ def steering(
     model = steering_model(fit.common.fit)
     _refuse_wrong_unit(model.gain, pair)
     result = _result(loaded, context, pair, data, left_out, fit, model)
+    result = _with_ratio(result, loaded, inputs)
     part = _model_part(result, fit, data)
     return StageOutput(result, steering_tables(data, fit, result.experiments), part)
 
@@ -178,6 +180,11 @@ def _result(
     )
 
 
+def _with_ratio(result: SteeringResult, loaded: LoadedLogs, inputs: InputSettings) -> SteeringResult:
+    table, source, refused = ratio_map(loaded.runs, inputs.align)
+    return replace(result, ratio=table, ratio_source=source, refused=[*result.refused, *refused])
+
+
 def _kinds(run: str, experiments: Sequence[Experiment]) -> list[str]:
     return sorted({one.kind for one in experiments if one.run == run})
 
@@ -244,7 +251,7 @@ def _model_part(result: SteeringResult, fit: RunsFit, data: Sequence[SteeringRun
     else:
         noise["correlation_time"] = result.noise.correlation_time
     return {
-        "steering": {**values, "pair": result.pair},
+        "steering": {**values, "pair": result.pair, "ratio": result.ratio or None},
         "noise": {STEERING_PAIRS[result.pair][1]: noise},
         "parameters": names,
         "covariance": [[float(x) for x in row] for row in covariance],

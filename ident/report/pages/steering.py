@@ -76,6 +76,7 @@ def steering_page(result: SteeringResult, tables: Mapping[str, pd.DataFrame]) ->
             ),
             *_amplitude(result),
             Section("methods", "Step methods side by side", [tables_of.step_methods(result)], "Step methods"),
+            *_ratio(result),
             Section("residual", "Residual", _residual(result, tables["steering"])),
             Section("experiments", "Experiments", _experiments(result)),
             Section("health", "Log health", _health(result)),
@@ -91,6 +92,12 @@ def _amplitude(result: SteeringResult) -> list[Section]:
         return []
     blocks = _blocks(figures.amplitudes_compared(result), tables_of.by_amplitude(result))
     return [Section("amplitude", "Dependence on amplitude", blocks, "Amplitude")]
+
+
+def _ratio(result: SteeringResult) -> list[Section]:
+    if not result.ratio:
+        return []
+    return [Section("ratio", "Ratio map", [tables_of.ratio(result)], "Ratio")]
 
 
 def _verdict(result: SteeringResult) -> Verdict:

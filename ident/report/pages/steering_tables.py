@@ -220,6 +220,27 @@ def by_amplitude(result: SteeringResult) -> Table:
     return Table(columns, rows, notes=notes, download="by_amplitude.csv")
 
 
+def ratio(result: SteeringResult) -> Table:
+    """Give the map from steering-wheel to road-wheel angle, with the ratio of each piece."""
+    columns = [
+        Column("steering wheel [rad]", "number"),
+        Column("road wheel [rad]", "number"),
+        Column("ratio up to here [–]", "number"),
+    ]
+    rows, before = [], None
+    for wheel, road in result.ratio:
+        steps = None if before is None else (wheel - before[0], road - before[1])
+        local = steps[0] / steps[1] if steps and steps[1] else None
+        rows.append([Cell(significant(x, 4), raw=x) for x in (wheel, road, local)])
+        before = (wheel, road)
+    notes = [f"from: {result.ratio_source}"]
+    if result.ratio_source == "kinematic gain at low speed":
+        notes.append(
+            "the tyres' slip at the speed driven is in it: understeer makes it a few per cent larger"
+        )
+    return Table(columns, rows, notes=notes, download="ratio.csv")
+
+
 def _median_cell(value: float | None, spread: float | None) -> Cell:
     """Give a median to the place that the spread between steps supports."""
     places = decimals_of(spread)
