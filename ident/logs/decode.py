@@ -42,12 +42,12 @@ class Decoder:
         if channel.encoding != "cdr":
             raise FieldError(f"message encoding {channel.encoding!r} is not read yet")
         self.type = _normal(channel.type)
-        self._store = _typestore(self.type, channel.definition, channel.definition_format)
+        self._store, self._name = _typestore(self.type, channel.definition, channel.definition_format)
         self._stamp = next((path for path in STAMPS if self._is_stamp(path)), None)
 
     def fields(self) -> dict[str, str]:
         """Return the paths of all numbers, with their types; of an array, the first elements."""
-        return dict(self._walk("", (Nodetype.NAME, self.type), 0))
+        return dict(self._walk("", (Nodetype.NAME, self._name), 0))
 
     def columns(self, stored: Stored, fields: Sequence[str]) -> Columns:
         """Decode each message once and pick these fields out of it."""
@@ -89,7 +89,7 @@ class Decoder:
     # --- types ------------------------------------------------------------------------------------
 
     def _resolve(self, name: str) -> FieldType:
-        found: FieldType = (Nodetype.NAME, self.type)
+        found: FieldType = (Nodetype.NAME, self._name)
         for step in name.split("."):
             match = _STEP.fullmatch(step)
             if match is None:
@@ -138,7 +138,7 @@ class Decoder:
 
     def _messages(self, stored: Stored, errors: list[str]) -> Iterator[Any]:
         """Yield each message decoded, None for those that cannot be, whose reasons go into ``errors``."""
-        read, kind = self._store.deserialize_cdr, self.type
+        read, kind = self._store.deserialize_cdr, self._name
         for data in stored.data:
             if data is None:
                 errors.append("its data lie in a damaged part of the file")
@@ -196,23 +196,25 @@ def _normal(kind: str) -> str:
 
 
 @lru_cache(maxsize=1024)
-def _typestore(kind: str, definition: str, definition_format: str) -> Typestore:
+def _typestore(kind: str, definition: str, definition_format: str) -> tuple[Typestore, str]:
+    """Return a store that knows a type, and the name that it has in there."""
     if not definition:
-        return _standard_store_with(kind)
+        return _standard_store_with(kind), kind
     if definition_format != "ros2msg":
         raise FieldError(f"message definition in {definition_format!r} is not read yet")
     try:
         types = get_types_from_msg(definition, kind)
     except (TypesysError, RecursionError, ValueError) as error:
-        raise FieldError(f"definition of {kind} cannot be read: {_shorten(error)}") from error
+        raise FieldError(f"definition of {kind} cannot be read as {definition_format}") from error
+    name = next(iter(types))
     for base in (get_typestore(Stores.EMPTY), get_typestore(Stores.ROS2_HUMBLE)):
         try:
             base.register(types)
-            base.get_msgdef(kind)
+            base.get_msgdef(name)
         except (TypesysError, KeyError, SyntaxError, RecursionError) as error:
             problem = error
             continue
-        return base
+        return base, name
     raise FieldError(f"definition of {kind} is incomplete: {_shorten(problem)}")
 
 

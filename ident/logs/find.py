@@ -73,7 +73,10 @@ def _runs_under(root: Path) -> Iterator[RunPath]:
         yield RunPath(_without_suffix(Path(root.resolve().name)), root, root)
         return
     seen: set[Path] = set()
-    for place, folders, files in os.walk(root, followlinks=True):
+    closed: list[Path] = []
+    for place, folders, files in os.walk(
+        root, onerror=lambda e: closed.append(Path(e.filename)), followlinks=True
+    ):
         folder = Path(place)
         if folder.resolve() in seen:
             folders.clear()
@@ -87,6 +90,8 @@ def _runs_under(root: Path) -> Iterator[RunPath]:
         logs = [folder / name for name in files if name.endswith(SUFFIXES) and not name.startswith(".")]
         runs = [RunPath(_without_suffix(path.relative_to(root)), path, root) for path in logs]
         yield from _grouped(runs)
+    # A folder that may not be looked into is a run that cannot be opened: so it is told of.
+    yield from (RunPath(str(folder.relative_to(root)), folder, root) for folder in closed)
 
 
 def _grouped(runs: Sequence[RunPath]) -> Iterator[RunPath]:

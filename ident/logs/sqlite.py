@@ -12,6 +12,7 @@ import shutil
 import sqlite3
 import tempfile
 import weakref
+from array import array
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -107,7 +108,7 @@ class SqliteStorage:
 
     def _read_rows(self, database: sqlite3.Connection) -> Times:
         """Row number, topic number and time of every row, (n, 3), stepping over what cannot be read."""
-        rows: list[tuple[int, int, int]] = []
+        rows = array("q")
         after: int | None = FIRST_ROW
         while after is not None:
             after = self._read_until_defect(database, after, rows)
@@ -115,15 +116,13 @@ class SqliteStorage:
         self._count_lost(found)
         return found
 
-    def _read_until_defect(
-        self, database: sqlite3.Connection, after: int, rows: list[tuple[int, int, int]]
-    ) -> int | None:
+    def _read_until_defect(self, database: sqlite3.Connection, after: int, rows: array[int]) -> int | None:
         """Append the rows behind ``after``; return where to go on behind a defect, None at the end."""
         try:
             for row in _select_rows(database, after):
                 if row[0] <= after:
                     raise sqlite3.DatabaseError("rows are out of order")  # noqa: TRY301
-                rows.append(row)
+                rows.extend(row)
                 after = row[0]
         except sqlite3.DatabaseError as error:
             if "no such" in str(error):

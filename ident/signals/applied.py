@@ -1,7 +1,8 @@
 """Which channel map and vehicle file apply to a run.
 
 Those that were named come first; else the nearest file in the log's folder or a parent, up to the path
-that the user gave (for a log named itself: up to the folder it lies in); else the built-in maps.
+that the user gave (for a log named itself: up to the folder it lies in); else the built-in maps, where
+one of them finds anything.
 """
 
 from __future__ import annotations
@@ -48,6 +49,8 @@ class AppliedFiles:
         if path is not None:
             return self._map(path), _relative(path, run)
         found = best_map(built_in_maps(), topics)
+        if not found.choose(lambda channel: channel.topic in topics):
+            found = ChannelMap("none", {})
         return found, found.source
 
     def vehicle_for(self, run: RunPath) -> tuple[Vehicle | None, str]:

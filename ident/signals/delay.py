@@ -33,6 +33,7 @@ MIN_BLOCKS = 6
 MIN_CORRELATION = 0.4
 BLOCK = 4.0
 MOST_BLOCKS = 60
+MOST_SECONDS = 1200.0
 FALSE_ALARM = 0.002  # nominal; about 1 % on generated data, of which the two attempts have a share
 WEAK_STD = 0.025
 HUBER = 1.5
@@ -64,7 +65,7 @@ def estimate_delay(pieces: list[Piece], rate: float) -> Estimate:
     seconds = sum(len(piece.late) - 2 * margin for piece in pieces) / rate
     if seconds < MIN_SECONDS - 2 * MAX_LAG:
         return _none(f"only {seconds:.1f} s in common")
-    pieces = _clipped(pieces)
+    pieces = _clipped(_some(pieces, rate))
     found = _estimate(pieces, rate, margin)
     if found.value is None:  # a slow trend fits at any lag: look at what is left without it
         found = _estimate([_without_trend(piece, rate) for piece in pieces], rate, margin)
@@ -89,6 +90,20 @@ def _estimate(pieces: list[Piece], rate: float, margin: int) -> Estimate:
     reason = f"the standard error is above {WEAK_STD * 1e3:.0f} ms" if std > WEAK_STD else None
     status: Status = "weak" if reason else "identified"
     return Estimate(delay, std, delay - half, delay + half, "s", status, reason)
+
+
+def _some(pieces: list[Piece], rate: float) -> list[Piece]:
+    """Of a long drive, minutes spread evenly over it: no more is needed, and the time is bounded."""
+    total = sum(len(piece.late) for piece in pieces) / rate
+    if total <= MOST_SECONDS:
+        return pieces
+    minute = round(60 * rate)
+    minutes = [
+        Piece(piece.late[start : start + minute], piece.reference[start : start + minute])
+        for piece in pieces
+        for start in range(0, len(piece.late) - minute + 1, minute)
+    ]
+    return minutes[:: int(np.ceil(total / MOST_SECONDS))] or pieces
 
 
 def _none(reason: str) -> Estimate:

@@ -7,7 +7,7 @@ with the same stamp the last is kept; values that are not finite are left out. A
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -41,6 +41,7 @@ def load_runs(
     *,
     channels: Sequence[Path] | None = None,
     vehicle: Path | None = None,
+    every_topic: bool = False,
     progress: Progress = lambda _what, _done, _total: None,
 ) -> LoadedLogs:
     """Read all runs under the given paths.
@@ -49,6 +50,7 @@ def load_runs(
     ----------
     channels : channel maps of which the best fitting is used for each run; None: look for them
     vehicle : vehicle file; None: look for one
+    every_topic : say of the topics that no signal needs, too, whether they could be decoded
     progress : is told what is being read, how many runs are done and how many there are
 
     Raises
@@ -71,7 +73,7 @@ def load_runs(
         except UnusableLog as error:
             unreadable.append(Refusal(path.name, str(error)))
             continue
-        runs.append(_load(path, log, applied))
+        runs.append(_load(path, log, applied, every_topic=every_topic))
         files += [_log_file(file, path) for file in log.files]
         log.close()
     progress("reading", len(paths), len(paths))
@@ -107,15 +109,27 @@ class _Source:
     times: Mapping[str, TopicTimes]
 
 
-def _load(path: RunPath, log: Log, applied: AppliedFiles) -> Run:
+def _load(path: RunPath, log: Log, applied: AppliedFiles, *, every_topic: bool) -> Run:
     present = [topic.name for topic in log.topics if topic.messages]
     channel_map, channels_name = applied.map_for(path, present)
     vehicle, vehicle_name = applied.vehicle_for(path)
     run = read_run(path.name, log, channel_map, vehicle)
     sources = {name: health.source for name, health in run.health.signals.items()}
     late = latencies(run.signals, vehicle, sources)
-    health = replace(run.health, channels=channels_name, vehicle=vehicle_name, latencies=late)
+    damage = [*run.health.damage, *(_undecodable(log, run.health.damage) if every_topic else ())]
+    health = replace(run.health, channels=channels_name, vehicle=vehicle_name, latencies=late, damage=damage)
     return replace(run, health=health)
+
+
+def _undecodable(log: Log, known: Sequence[Damage]) -> Iterator[Damage]:
+    """Topics whose messages cannot be decoded, with the reason, unless it is known."""
+    for topic in log.topics:
+        try:
+            log.fields(topic.name)
+        except FieldError as error:
+            text = f"{topic.name}: {error}"
+            if topic.messages and all(item.what != text for item in known):
+                yield Damage(text)
 
 
 def read_run(name: str, log: Log, channel_map: ChannelMap, vehicle: Vehicle | None) -> Run:
@@ -129,7 +143,7 @@ def read_run(name: str, log: Log, channel_map: ChannelMap, vehicle: Vehicle | No
     health = RunHealth(
         name=name,
         format=log.format,
-        start=_iso(zero),
+        start=_iso(zero) if zero else "",
         duration=(end - zero) / 1e9,
         channels=channel_map.source,
         vehicle="none",

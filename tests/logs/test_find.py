@@ -1,5 +1,7 @@
 """Which runs lie under the paths that the user gave."""
 
+import os
+
 import pytest
 from log_files import angles, write_bag, write_mcap
 
@@ -92,6 +94,20 @@ def test_says_what_was_looked_for_where_there_is_no_log(tmp_path):
 def test_says_which_path_does_not_exist(tmp_path):
     with pytest.raises(UnusableLog, match="gone: no such file or folder"):
         find_runs([tmp_path / "gone"])
+
+
+def test_a_folder_that_may_not_be_looked_into_is_not_passed_over(tmp_path, monkeypatch):
+    write_mcap(tmp_path / "a.mcap", angles(2))
+    (tmp_path / "closed").mkdir()
+    look = os.scandir
+
+    def refuse(path):
+        if str(path).endswith("closed"):
+            raise PermissionError(13, "Permission denied", str(path))
+        return look(path)
+
+    monkeypatch.setattr(os, "scandir", refuse)
+    assert names(tmp_path) == ["a", "closed"]
 
 
 def test_a_side_file_that_is_named_is_refused_when_it_is_opened(tmp_path):

@@ -93,6 +93,13 @@ def test_a_slow_trend_is_not_taken_for_agreement_at_any_lag():
     assert found.value == pytest.approx(0.25, abs=0.05)
 
 
+def test_a_long_drive_is_sampled():
+    rng = np.random.default_rng(8)
+    found = estimate_delay([pair(rng, 4000, 0.2)], RATE)
+    assert abs(found.value - 0.2) < 4 * found.std
+    assert found.std < 0.005
+
+
 def test_a_short_record_is_refused_with_what_it_lacks():
     rng = np.random.default_rng(6)
     found = estimate_delay([pair(rng, 5, 0.1)], RATE)

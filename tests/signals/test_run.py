@@ -403,4 +403,4 @@ def test_a_log_without_any_signal_is_still_described(tmp_path):
     )
     assert run.signals == {}
     assert (run.duration, run.health.topics[0].messages) == (4.0, 5)
-    assert "yaw_rate" in run.health.missing
+    assert (run.health.channels, run.health.missing) == ("none", [])
