@@ -6,8 +6,8 @@ range that was driven; their number is the one of the smallest Bayesian informat
 two, a constant ratio, so that a straight map stays straight.
 
 Where no road-wheel angle was measured it follows from the kinematics at low speed, where the tyres hardly
-slip (2.2): delta = atan(L r / v) with L the wheelbase, r the yaw rate and v the speed. What they do slip is in
-it: at 5 m/s a truck that understeers by 0.005 rad s²/m seems to have a ratio larger by 2 to 3 %.
+slip (2.2): delta = atan(L r / v) with L the wheelbase, r the yaw rate and v the speed. What they do slip is
+in it: at 5 m/s a truck that understeers by 0.005 rad s²/m seems to have a ratio larger by 2 to 3 %.
 """
 
 from __future__ import annotations

@@ -33,6 +33,7 @@ from ident.report.steering_parameters import (
 from ident.results import Estimate, Experiment, Noise, RunFit, Status, SteeringResult, StepFit
 
 TONES: dict[Status, Tone] = {"identified": "good", "weak": "caution", "not_identifiable": "bad"}
+MANY_METHODS = 4  # with one reason: called the step methods
 AGREE_FROM = 0.05
 """p-value from which the runs are said to agree."""
 
@@ -265,11 +266,20 @@ def experiments(found: Sequence[Experiment]) -> Table:
     return Table(columns, rows, download="experiments.csv", scroll=len(rows) > 14)
 
 
+def _reasons(experiment: Experiment) -> list[str]:
+    """Say why methods do not use an experiment, those with the same reason together."""
+    by_reason: dict[str, list[str]] = {}
+    for method, reason in experiment.rejected.items():
+        by_reason.setdefault(reason, []).append(SHORT_METHODS.get(method, method))
+    return [
+        f"{'step methods' if len(methods) > MANY_METHODS else ', '.join(methods)}: {reason}"
+        for reason, methods in by_reason.items()
+    ]
+
+
 def _experiment_row(experiment: Experiment) -> list[Cell]:
     uncertain = experiment.start_uncertainty
-    left_out = [
-        f"{SHORT_METHODS.get(method, method)}: {reason}" for method, reason in experiment.rejected.items()
-    ]
+    left_out = _reasons(experiment)
     used = ", ".join(SHORT_METHODS.get(method, method) for method in experiment.used_by)
     return [
         Cell(experiment.run),
