@@ -34,6 +34,7 @@ test: $(VENV)/dev.stamp
 
 study: $(VENV)/dev.stamp
 	$(BIN)/python studies/steering_coverage.py --seeds 200 --jobs 2
+	$(BIN)/python studies/steering_efficiency.py --sets 1000 --jobs 2
 
 schema: $(VENV)/dev.stamp
 	$(BIN)/python -m ident.pipeline.schema docs/schema
