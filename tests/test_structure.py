@@ -46,7 +46,7 @@ MAY_IMPORT = {
 }
 HEAVY = {
     "numpy", "pandas", "scipy", "numba", "plotly", "rerun", "pydantic", "pint", "pyarrow", "rosbags",
-    "jinja2", "mcap", "control", "sympy", "ruamel", "rich",
+    "jinja2", "mcap", "control", "matplotlib", "sympy", "ruamel", "rich",
 }  # fmt: skip
 LONGEST_MODULE = 450
 LONGEST_BODY = 50

@@ -44,7 +44,7 @@ SHORTEST = 10.0  # [s]
 HIGHEST = 0.5  # of the Nyquist frequency of command and measurement
 LEAST_COHERENCE = 0.5
 CHANCE = 1e-3  # probability of the coherence of unrelated signals passing
-LEAST_POWER = 1e-4  # of the request in a band, over that in the strongest
+LEAST_POWER = 1e-3  # of the request in a band, over that in the strongest: weaker ones are leakage of it
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,8 @@ def _spectra(part: Excerpt, plant: Plant) -> _Spectra:
     bins = np.arange(BINS // 2, count // 2, BINS)
     bins = bins[2 * np.pi * bins / (count * period) < usable]
     spectra = [np.fft.rfft(tapers * (x - x.mean()))[:, bins] for x in (request, rest_mean)]
-    return _Spectra(2 * np.pi * bins / (count * period), spectra[0], spectra[1])
+    frequency = np.asarray(2 * np.pi * bins / (count * period), dtype=np.float64)
+    return _Spectra(frequency, spectra[0], spectra[1])
 
 
 def _without_start(times: Array, rest: Array, plant: Plant) -> Array:
@@ -123,7 +124,7 @@ def _without_start(times: Array, rest: Array, plant: Plant) -> Array:
     free = free_response(plant.sum_of_lags, plant.product_of_lags, times - times[0])
     columns = np.column_stack([np.ones_like(times), *free])
     columns /= np.maximum(np.abs(columns).max(axis=0), np.finfo(float).tiny)
-    return rest - columns @ np.linalg.lstsq(columns, rest, rcond=None)[0]
+    return np.asarray(rest - columns @ np.linalg.lstsq(columns, rest, rcond=None)[0], dtype=np.float64)
 
 
 def _held_integral(part: Excerpt, at: Array) -> Array:

@@ -63,6 +63,7 @@ SHORT_METHODS = {
     "underdamped": "overshoot",
     "modified_harriott": "Harriott",
     "modified_harriott_iterated": "Harriott iterated",
+    "frequency_response": "frequency response",
 }
 
 EQUATIONS = {

@@ -39,6 +39,7 @@ from ident.stages.inputs import InputSettings, load, provenance
 from ident.stages.output import Context, StageOutput
 from ident.stages.steering_amplitude import amplitude_fits
 from ident.stages.steering_experiments import list_experiments
+from ident.stages.steering_frequency import with_frequency_response
 from ident.stages.steering_ratio import ratio_map
 from ident.stages.steering_tables import steering_tables
 
@@ -89,6 +90,7 @@ def steering(
     _refuse_wrong_unit(model.gain, pair)
     result = _result(loaded, context, pair, data, left_out, fit, model)
     result = _with_ratio(result, loaded, inputs)
+    result = with_frequency_response(result, data, fit)
     part = _model_part(result, fit, data)
     return StageOutput(result, steering_tables(data, fit, result.experiments), part)
 
