@@ -260,6 +260,8 @@ class RunFit:
 
     vaf : variance accounted for by the common model [-], 1 - var(residual)/var(measured)
     vaf_own : the same for the fit to this run alone
+    reason : why it has no own fit, or is not used
+    used : whether the common fit uses it
     """
 
     run: str
@@ -270,6 +272,7 @@ class RunFit:
     vaf: float
     vaf_own: float | None
     reason: str | None = None
+    used: bool = True
 
 
 @dataclass(frozen=True)

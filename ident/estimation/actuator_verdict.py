@@ -46,7 +46,7 @@ def _run_fit(name: str, alone: ActuatorFit | str, fit: RunsFit, excitation: list
     common = _on_run(fit, name)
     if isinstance(alone, str):
         rms, vaf, samples = common or (0.0, 0.0, 0)
-        return RunFit(name, excitation, samples, None, rms, vaf, None, alone)
+        return RunFit(name, excitation, samples, None, rms, vaf, None, alone, used=common is not None)
     rms, vaf, samples = common or (alone.rms, alone.vaf, alone.samples)
     model = steering_model(alone.fit)
     return RunFit(
@@ -58,6 +58,7 @@ def _run_fit(name: str, alone: ActuatorFit | str, fit: RunsFit, excitation: list
         vaf,
         alone.vaf,
         fit.excluded.get(name),
+        used=common is not None,
     )
 
 

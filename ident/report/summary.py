@@ -66,9 +66,8 @@ def _fit_lines(result: SteeringResult) -> list[str]:
     response = f"response: {CLASSES[result.classification]} ({plain(result.classification_reason)})"
     fit = f"fit: {percent(result.vaf)} of the variance, RMS error {angle(result.rms_error)}"
     noise = f"noise {angle(result.noise.total_std)}"
-    runs = (
-        f"runs: {len(result.by_run)}, {count(result.samples, 'sample')}; same model in all of them: {agree}"
-    )
+    used = sum(fit.used for fit in result.by_run)
+    runs = f"runs: {used}, {count(result.samples, 'sample')}; same model in all of them: {agree}"
     return [response, f"{fit}, {noise}", runs]
 
 
