@@ -25,15 +25,16 @@ def find_steps(stretch: Stretch) -> list[Found]:
     known = np.delete(np.arange(stretch.command_values.size), stretch.lost)
     values = stretch.command_values[known]
     edges = _edges(values)
-    found = []
+    found: list[Found] = []
     for number, (index, before, after) in enumerate(edges):
+        ends_pulse = bool(found) and found[-1].kind == "pulse" and edges[number - 1][2] == index
         jump = values[index] - values[index - 1]
         returns = (
             number + 1 < len(edges)
             and edges[number + 1][0] == after
             and abs(values[after] - values[index - 1]) <= FLAT_SHARE * abs(jump)
         )
-        found.append(_found(stretch, known, (index, before, after), is_pulse=returns))
+        found.append(_found(stretch, known, (index, before, after), is_pulse=returns and not ends_pulse))
     first = _step_at_start(stretch)
     return found if first is None else [first, *found]
 
