@@ -341,6 +341,20 @@ class FrequencyPoint:
 
 
 @dataclass(frozen=True)
+class FrequencyCurve:
+    """The identified transfer function over frequency, with the standard errors of its covariance.
+
+    frequency : [rad/s], rising; gain : [-]; phase : [rad], continuous, negative for a lag
+    """
+
+    frequency: list[float]
+    gain: list[float]
+    gain_std: list[float]
+    phase: list[float]
+    phase_std: list[float]
+
+
+@dataclass(frozen=True)
 class Cutoff:
     """Between which frequencies something ends; ``high`` is None where it lies beyond all that was driven."""
 
@@ -403,6 +417,7 @@ class SteeringResult:
     by_amplitude: list[AmplitudeFit] = field(default_factory=list)
     amplitude_p: float | None = None
     frequency_response: list[FrequencyPoint] = field(default_factory=list)
+    model_response: FrequencyCurve | None = None
     bandwidth: Bandwidth | None = None
     ratio: list[list[float]] = field(default_factory=list)
     ratio_source: str | None = None

@@ -36,10 +36,10 @@ from scipy.optimize import brentq, isotonic_regression
 from scipy.stats import norm
 
 from ident.estimation.actuator_fit import estimate
-from ident.estimation.actuator_likelihood import GAIN, RATIO, SUM
+from ident.estimation.actuator_likelihood import DEAD_TIME, GAIN, RATIO, SUM
 from ident.estimation.frequency_response import Plant
 from ident.estimation.output_error import Fit
-from ident.results import Bandwidth, Cutoff, Estimate, FrequencyPoint
+from ident.results import Bandwidth, Cutoff, Estimate, FrequencyCurve, FrequencyPoint
 
 Array = NDArray[np.float64]
 
@@ -111,6 +111,38 @@ def _from_logarithm(value: float, relative: float, freedom: int) -> Estimate:
     one = estimate(0.0, relative, UNIT, freedom, scale=1.0)
     low, high = (float(value * np.exp(0.0 if end is None else end)) for end in (one.low, one.high))
     return Estimate(float(value), float(value * relative), low, high, UNIT, one.status, one.reason)
+
+
+def model_response(fit: Fit, frequency: Array) -> FrequencyCurve:
+    """G(jw) of the fit with standard errors, by the delta method for ln G = ln K - j w L - ln D.
+
+    frequency : (n,) rising [rad/s]
+    """
+    gain, dead_time, total, ratio = (float(fit.shared[i]) for i in (GAIN, DEAD_TIME, SUM, RATIO))
+    plant = Plant(gain, dead_time, total, ratio * total**2)
+    s = 1j * frequency
+    lags = 1 + s * total + ratio * (s * total) ** 2
+    slopes = np.array(
+        [
+            np.full(s.size, 1 / gain, dtype=np.complex128),
+            -s,
+            -(s + 2 * ratio * total * s**2) / lags,
+            -((s * total) ** 2) / lags,
+        ]
+    )
+    order = [GAIN, DEAD_TIME, SUM, RATIO]
+    covariance = fit.covariance[np.ix_(order, order)]
+    relative, phase_std = (
+        np.sqrt(np.einsum("in,ij,jn->n", part, covariance, part)) for part in (slopes.real, slopes.imag)
+    )
+    size = np.abs(plant.response(frequency))
+    return FrequencyCurve(
+        frequency=frequency.tolist(),
+        gain=size.tolist(),
+        gain_std=(size * relative).tolist(),
+        phase=plant.phase(frequency).tolist(),
+        phase_std=phase_std.tolist(),
+    )
 
 
 def pooled(points: Sequence[FrequencyPoint]) -> Levels:

@@ -251,7 +251,7 @@ def _linearised(
     )
 
 
-def sine_noise(fits: Sequence[SineFit], jitter: float) -> NoiseShape:
+def sine_noise(fits: Sequence[SineFit], jitter: float, like: NoiseShape | None = None) -> NoiseShape:
     """Colour of the noise that all sines leave together, by restricted likelihood.
 
     It is identified from what the sines themselves leave and not taken from the fit of the model, so that the
@@ -260,9 +260,10 @@ def sine_noise(fits: Sequence[SineFit], jitter: float) -> NoiseShape:
     Parameters
     ----------
     jitter : spread of the sampling period in parts of it
+    like : an autoregression whose order is right and whose coefficients are a start, which saves the search
     """
     records = [fit.record for fit in fits]
-    return fit_continuous_ar1(records) if jitter > JITTER_LIMIT else fit_autoregression(records)
+    return fit_continuous_ar1(records) if jitter > JITTER_LIMIT else fit_autoregression(records, like)
 
 
 def fit_sine(fit: SineFit, plant: Plant, shape: NoiseShape) -> Response:

@@ -9,11 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ident.errors import NotIdentifiable
 from ident.estimation.actuator_fit import MISFIT_REASON
 from ident.estimation.actuator_likelihood import DEAD_TIME, GAIN, RATIO, SUM
 from ident.estimation.actuator_runs import RunsFit
-from ident.estimation.bandwidth import check_bandwidth
+from ident.estimation.bandwidth import check_bandwidth, model_response
 from ident.estimation.broadband import h1
 from ident.estimation.frequency_response import (
     Excerpt,
@@ -24,6 +27,7 @@ from ident.estimation.frequency_response import (
     prepare_sine,
     sine_noise,
 )
+from ident.estimation.noise import NoiseShape
 from ident.estimation.output_error import Fit
 from ident.experiments.found import Found
 from ident.experiments.steering_data import SteeringRun
@@ -32,6 +36,8 @@ from ident.results import Bandwidth, Experiment, FrequencyPoint, SteeringResult
 
 USE = "frequency_response"
 BROADBAND_SHARE = 0.5  # of a part's length that is no sine, from which its sines are pieces of a chirp
+CURVE_POINTS = 121
+DRAWN = 4.0
 NEXT_TO = 2  # commands at most between two pieces of one part
 
 
@@ -63,7 +69,8 @@ def with_frequency_response(
     parts = [one for one in _parts(data) if one.run not in fit.excluded]
     jitter = max(jitter_of(run.measured.time) for run in data)
     sines = [one for one in parts if one.frequency is not None]
-    points, why_not = _sine_points(sines, plant, jitter)
+    like = None if fit.common.misfit else fit.common.fit.noise.shape
+    points, why_not = _sine_points(sines, plant, jitter, like)
     for part in parts:
         if part.frequency is None:
             _add_spectrum(part, plant, points, why_not)
@@ -72,6 +79,7 @@ def with_frequency_response(
         result,
         experiments=_marked(result.experiments, parts, why_not, fit),
         frequency_response=sorted(points, key=lambda one: (one.frequency, one.run, one.start)),
+        model_response=model_response(fit.common.fit, _drawn(points, bandwidth)),
         bandwidth=bandwidth if result.adequate else _doubted(bandwidth),
     )
 
@@ -80,6 +88,15 @@ def plant_of(fit: Fit) -> Plant:
     """Return the transfer function of a fit."""
     gain, dead_time, total, ratio = (float(fit.shared[i]) for i in (GAIN, DEAD_TIME, SUM, RATIO))
     return Plant(gain, dead_time, total, ratio * total**2)
+
+
+def _drawn(points: Sequence[FrequencyPoint], bandwidth: Bandwidth) -> NDArray[np.float64]:
+    """Frequencies of the model's curve: all that was measured, and DRAWN times around the bandwidth."""
+    middle = bandwidth.bode.value or 1.0
+    measured = [one.frequency for one in points]
+    low = min([middle / DRAWN, *(one / 1.3 for one in measured)])
+    high = max([middle * DRAWN, *(one * 1.3 for one in measured)])
+    return np.asarray(np.geomspace(low, high, CURVE_POINTS), dtype=np.float64)
 
 
 def _doubted(bandwidth: Bandwidth) -> Bandwidth:
@@ -149,7 +166,7 @@ def _excerpt(stretch: Stretch, begin: float, end: float) -> Excerpt:
 
 
 def _sine_points(
-    sines: Sequence[_Part], plant: Plant, jitter: float
+    sines: Sequence[_Part], plant: Plant, jitter: float, like: NoiseShape | None
 ) -> tuple[list[FrequencyPoint], dict[int, str]]:
     """Return the points of all sines, and experiment -> why it gives none."""
     prepared: list[tuple[_Part, SineFit]] = []
@@ -161,7 +178,7 @@ def _sine_points(
             why_not[part.members[0]] = str(error)
     if not prepared:
         return [], why_not
-    shape = sine_noise([fit for _, fit in prepared], jitter)
+    shape = sine_noise([fit for _, fit in prepared], jitter, like)
     return [_point(part, fit_sine(fit, plant, shape)) for part, fit in prepared], why_not
 
 
