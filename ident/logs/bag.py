@@ -12,7 +12,7 @@ import numpy as np
 
 from ident.errors import BadRecipe, UnusableLog
 from ident.logs.compression import ZSTD_MAGIC, decompress_message
-from ident.logs.decode import Decoder
+from ident.logs.decode import Decoder, make_decoder
 from ident.logs.record import Channel, Columns, FieldError, Storage, Stored, Times, Topic
 from ident.results import Damage
 from ident.yaml_file import nearest, read_yaml
@@ -70,12 +70,15 @@ class StoredLog:
     def _stored(self, topic: str) -> Stored:
         parts = [storage.messages(channel) for storage, channel in self._parts_of(topic)]
         times = np.concatenate([np.empty(0, np.int64), *(part.times for part in parts)])
-        return Stored(times, [_unpacked(data) for part in parts for data in part.data])
+        published = [part.times if part.published is None else part.published for part in parts]
+        kept = any(part.published is not None for part in parts)
+        data = [_unpacked(data) for part in parts for data in part.data]
+        return Stored(times, data, np.concatenate(published) if kept else None)
 
     def _make_decoder(self, topic: str) -> Decoder:
         channels = [channel for _, channel in self._parts_of(topic)]
         defined = next((channel for channel in channels if channel.definition), channels[0])
-        return Decoder(defined)
+        return make_decoder(defined, lambda: self._stored(topic))
 
     def _topic(self, name: str) -> Topic:
         parts = self._parts[name]

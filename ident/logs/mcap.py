@@ -11,6 +11,7 @@ import struct
 import zlib
 from array import array
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
@@ -41,16 +42,18 @@ class _Place:
 
 @dataclass
 class _Index:
-    """Messages of one channel: log time [ns], chunk number (-1: outside chunks), begin and end."""
+    """Messages of one channel: log and publish time [ns], chunk number (-1: outside chunks), begin and end."""
 
     times: array[int] = field(default_factory=lambda: array("q"))
+    published: array[int] = field(default_factory=lambda: array("q"))
     chunks: array[int] = field(default_factory=lambda: array("q"))
     begins: array[int] = field(default_factory=lambda: array("q"))
     ends: array[int] = field(default_factory=lambda: array("q"))
 
-    def add(self, time: int, chunk: int, begin: int, end: int) -> None:
+    def add(self, time: int, published: int, chunk: int, begin: int, end: int) -> None:
         if time < 1 << 63:
             self.times.append(time)
+            self.published.append(published if published < 1 << 63 else 0)
             self.chunks.append(chunk)
             self.begins.append(begin)
             self.ends.append(end)
@@ -83,8 +86,7 @@ class McapStorage:
 
     def times(self, channel: Channel) -> Times:
         """Log times of a channel [ns], in the order of the file."""
-        parts = [np.asarray(self._index[number].times, dtype=np.int64) for number in self._of(channel)]
-        return np.concatenate([np.empty(0, np.int64), *parts])
+        return _joined([self._index[number].times for number in self._of(channel)])
 
     def messages(self, channel: Channel) -> Stored:
         """Read the messages of a channel, in the order of the file."""
@@ -94,7 +96,10 @@ class McapStorage:
                 index = self._index[number]
                 for chunk, begin, end in zip(index.chunks, index.begins, index.ends, strict=True):
                     data.append(self._read(file, chunk, begin, end))
-        return Stored(self.times(channel), data)
+        times = self.times(channel)
+        published = _joined([self._index[number].published for number in self._of(channel)])
+        # Where the sender's time is not known, the writer puts the log time (https://mcap.dev/spec).
+        return Stored(times, data, None if np.array_equal(published, times) else published)
 
     def close(self) -> None:
         """Forget the chunks kept in memory."""
@@ -141,9 +146,10 @@ class McapStorage:
 
     def _take_record(self, record: records.Record) -> None:
         if record.opcode == records.MESSAGE:
-            channel, time, begin = records.read_message_head(record.content, 0)
+            channel, time, published, begin = records.read_message_head(record.content, 0)
             start = record.offset + records.HEAD_SIZE
-            self._add(channel, time, -1, start + begin, start + len(record.content))
+            index = self._index_of(channel)
+            index.add(time, published, -1, start + begin, start + len(record.content))
         elif record.opcode == records.MESSAGE_INDEX and self._lost_chunk is not None:
             lost = records.read_message_index(record.content)
             self._lost_chunk.messages = (self._lost_chunk.messages or 0) + lost
@@ -192,17 +198,17 @@ class McapStorage:
         last = 0
         for opcode, begin, end in records.inner_records(data):
             if opcode == records.MESSAGE and end - begin >= 22:
-                channel, last, start = records.read_message_head(data, begin)
-                self._add(channel, last, number, start, end)
+                channel, last, published, start = records.read_message_head(data, begin)
+                self._index_of(channel).add(last, published, number, start, end)
             elif opcode in {records.SCHEMA, records.CHANNEL}:
                 self._take_definition(opcode, data[begin:end])
         return last
 
-    def _add(self, channel: int, time: int, chunk: int, begin: int, end: int) -> None:
+    def _index_of(self, channel: int) -> _Index:
         index = self._index.get(channel)
         if index is None:
             index = self._index[channel] = _Index()
-        index.add(time, chunk, begin, end)
+        return index
 
     def _resolve_channels(self) -> list[Channel]:
         found: dict[tuple[str, str, str], Channel] = {}
@@ -251,3 +257,7 @@ class McapStorage:
         while len(self._cache) > 1 and sum(map(len, self._cache.values())) > CACHE_BYTES:
             self._cache.popitem(last=False)
         return data
+
+
+def _joined(parts: Sequence[array[int]]) -> Times:
+    return np.concatenate([np.empty(0, np.int64), *(np.asarray(part, dtype=np.int64) for part in parts)])

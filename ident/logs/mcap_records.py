@@ -144,10 +144,10 @@ def inner_records(data: bytes) -> Iterator[tuple[int, int, int]]:
         position += length
 
 
-def read_message_head(data: bytes, begin: int) -> tuple[int, int, int]:
-    """Return channel number, log time [ns] and the place where the message's data begins."""
-    channel, _sequence, log_time, _publish_time = _MESSAGE_HEAD.unpack_from(data, begin)
-    return channel, log_time, begin + _MESSAGE_HEAD.size
+def read_message_head(data: bytes, begin: int) -> tuple[int, int, int, int]:
+    """Return channel number, log and publish time [ns] and the place where the message's data begins."""
+    channel, _sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, begin)
+    return channel, log_time, publish_time, begin + _MESSAGE_HEAD.size
 
 
 def _text(content: bytes, position: int) -> tuple[str, int]:

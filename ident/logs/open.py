@@ -9,18 +9,23 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ident.errors import UnusableLog
-from ident.logs import sqlite
+from ident.logs import ros1, sqlite
 from ident.logs.bag import StoredLog, in_sequence, open_rosbag2, storage_files
 from ident.logs.compression import ZSTD_MAGIC, decompress_file
 from ident.logs.mcap import McapStorage
 from ident.logs.mcap_records import MAGIC as MCAP_MAGIC
 from ident.logs.record import Log, Storage
+from ident.logs.ros1 import Ros1Storage
 from ident.logs.sqlite import SqliteStorage
 from ident.results import Damage
 
-READERS: dict[bytes, Callable[[Path], Storage]] = {MCAP_MAGIC: McapStorage, sqlite.MAGIC: SqliteStorage}
-NOT_READ_YET = {b"#ROSBAG V": "ROS 1 bag", b"PAR1": "Parquet file", b"MDF ": "MDF file"}
-NAMES_NOT_READ_YET = {".csv": "CSV file", ".bag": "ROS 1 bag", ".mf4": "MDF file", ".dat": "DDS recording"}
+READERS: dict[bytes, Callable[[Path], Storage]] = {
+    MCAP_MAGIC: McapStorage,
+    sqlite.MAGIC: SqliteStorage,
+    ros1.ANY_MAGIC: Ros1Storage,
+}
+NOT_READ_YET = {b"PAR1": "Parquet file", b"MDF ": "MDF file"}
+NAMES_NOT_READ_YET = {".csv": "CSV file", ".mf4": "MDF file"}
 
 
 def open_log(path: Path, files: Sequence[Path] = ()) -> Log:
@@ -72,6 +77,8 @@ def first_bytes(path: Path) -> bytes:
 
 
 def _format(path: Path, storage: Storage) -> str:
+    if isinstance(storage, Ros1Storage):
+        return "ros1"
     return "rosbag2 sqlite3" if isinstance(storage, SqliteStorage) or ".db3" in path.name else "mcap"
 
 

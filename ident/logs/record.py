@@ -37,7 +37,8 @@ class Columns:
     """Numbers of one topic, one entry a message, in the order of the file.
 
     log_time : (n,) when the recorder received the message [ns]
-    header_stamp : (n,) when the sender stamped it [ns], None where the type holds no stamp
+    header_stamp : (n,) when the sender stamped it [ns]; where the type holds no stamp, when the sender
+        published it; None where the log does not say that either
     values : field -> (n,) values; what a message does not hold (a short sequence) is NaN
     damage : messages that could not be decoded; they are left out of all columns
     """
@@ -53,8 +54,8 @@ class Channel:
     """One stream of messages inside a storage file.
 
     definition : text of the message definition, empty where the file holds none
-    definition_format : "ros2msg", "ros2idl", ..., empty where the file holds none
-    encoding : of the messages, "cdr" for ROS 2
+    definition_format : "ros2msg", "ros1msg", "omgidl" or "ros2idl", empty where the file holds none
+    encoding : of the messages: "cdr", "ros1" or "json"
     """
 
     topic: str
@@ -66,10 +67,16 @@ class Channel:
 
 @dataclass
 class Stored:
-    """Raw messages of one topic in one file: ``times`` (n,) [ns] and ``data``, None where it is lost."""
+    """Raw messages of one topic in one file.
+
+    times : (n,) log times [ns]
+    data : n messages, None where one is lost
+    published : (n,) when the sender published them [ns], None where the recorder did not keep it
+    """
 
     times: Times
     data: list[bytes | None] = field(default_factory=list)
+    published: Times | None = None
 
 
 class Storage(Protocol):

@@ -186,20 +186,27 @@ def test_a_topic_whose_definition_does_not_parse_costs_only_itself(tmp_path):
         log.fields("/flag")
 
 
-def test_says_which_definition_formats_are_not_read_yet(tmp_path):
-    path = write_mcap(tmp_path / "a.mcap", angles(10), definitions={ANGLE: ("omgidl", "struct A {};")})
-    with pytest.raises(FieldError, match="'omgidl' is not read yet"):
+def test_says_which_definition_formats_are_not_read(tmp_path):
+    path = write_mcap(tmp_path / "a.mcap", angles(10), definitions={ANGLE: ("protobuf", "message A {}")})
+    with pytest.raises(FieldError, match="'protobuf' is not read"):
         open_log(path).fields(TOPIC)
 
 
-@pytest.mark.parametrize("head", ["0006", "0007", "0009", "000b"])
-def test_says_which_encapsulation_is_not_read_yet(tmp_path, head):
+@pytest.mark.parametrize(
+    ("head", "reason"),
+    [
+        ("0003", "(parameter list of a mutable type) is not read"),
+        ("000b", "(parameter list of a mutable type) is not read"),
+        ("0042", "is not known"),
+    ],
+)
+def test_says_which_encapsulation_is_not_read(tmp_path, head, reason):
     messages = angles(10)
     object.__setattr__(messages[4], "data", bytes.fromhex(head) + messages[4].data[2:])
     _, columns = read(write_mcap(tmp_path / "a.mcap", messages))
     assert len(columns.log_time) == 9
     (item,) = columns.damage
-    assert item.what == f"{TOPIC}: cannot be decoded: CDR encapsulation {head} is not read yet"
+    assert item.what == f"{TOPIC}: cannot be decoded: CDR encapsulation {head} {reason}"
     assert item.messages_lost == 1
 
 
@@ -208,7 +215,7 @@ def test_says_which_encapsulation_is_not_read_yet(tmp_path, head):
     [
         (b"", r"is empty \(0 bytes\)"),
         (b"\x89MCAP9\r\n", "is no log"),
-        (b"#ROSBAG V2.0\n", "ROS 1 bag: not read yet"),
+        (b"#ROSBAG V1.2\n", "ROS 1 bag of version 1.2, need 2.0: run 'rosbag fix' on it"),
         (b"hello", "is no log"),
     ],
 )
