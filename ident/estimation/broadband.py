@@ -16,6 +16,9 @@ n_d spectra in a band and coherence g² (Bendat and Piersol, Random Data, chapte
 
 where 1 - g² is freed of the one degree of freedom that H itself has taken.
 
+A band is as wide as a taper's main lobe at least, 8 over the length of the record in Hz; what is found is
+told of the mean frequency of the request's power within it.
+
 Bias: noise in the request would lower H1; a logged command has none. Where a controller computes the request
 from the measured angle, noise comes back in the request and draws H1 towards the negative inverse of the
 controller by about 1 - g²; bands of low coherence are left out, the others keep that much.
@@ -49,11 +52,16 @@ LEAST_POWER = 1e-3  # of the request in a band, over that in the strongest: weak
 
 @dataclass(frozen=True)
 class _Spectra:
-    """Taper spectra of request u and rest r, (tapers, bins) each, at ``frequency`` (bins,) [rad/s]."""
+    """Taper spectra of request u and rest r, (tapers, bins) each, at ``frequency`` (bins,) [rad/s].
+
+    power : (bins,) of the request about each bin; centre : (bins,) where in the bin it lies [rad/s]
+    """
 
     frequency: Array
     request: ComplexArray
     rest: ComplexArray
+    power: Array
+    centre: Array
 
 
 def h1(record: Excerpt, plant: Plant) -> list[Response]:
@@ -114,9 +122,20 @@ def _spectra(part: Excerpt, plant: Plant) -> _Spectra:
     usable = HIGHEST * np.pi / max(period, float(np.median(np.diff(part.command_times))))
     bins = np.arange(BINS // 2, count // 2, BINS)
     bins = bins[2 * np.pi * bins / (count * period) < usable]
-    spectra = [np.fft.rfft(tapers * (x - x.mean()))[:, bins] for x in (request, rest_mean)]
-    frequency = np.asarray(2 * np.pi * bins / (count * period), dtype=np.float64)
-    return _Spectra(frequency, spectra[0], spectra[1])
+    spectra = [np.fft.rfft(tapers * (x - x.mean())) for x in (request, rest_mean)]
+    resolution = 2 * np.pi / (count * period)
+    near = bins[:, None] + np.arange(-BINS // 2, BINS // 2)
+    fine = (
+        np.abs(np.fft.rfft(request - request.mean()))[near] ** 2
+    )  # weights all times alike, as the sum does
+    power = fine.sum(axis=1)
+    return _Spectra(
+        frequency=np.asarray(resolution * bins, dtype=np.float64),
+        request=spectra[0][:, bins],
+        rest=spectra[1][:, bins],
+        power=power,
+        centre=resolution * (fine * near).sum(axis=1) / np.maximum(power, np.finfo(float).tiny),
+    )
 
 
 def _without_start(times: Array, rest: Array, plant: Plant) -> Array:
@@ -150,7 +169,7 @@ def _response(spectra: _Spectra, band: NDArray[np.intp], plant: Plant) -> Respon
     request, rest = spectra.request[:, band].ravel(), spectra.rest[:, band].ravel()
     count = request.size
     power = np.abs(request) ** 2
-    frequency = float(power.reshape(TAPERS, -1).sum(axis=0) @ spectra.frequency[band] / power.sum())
+    frequency = float(np.average(spectra.centre[band], weights=spectra.power[band]))
     correction = complex(np.vdot(request, rest) / power.sum())
     noise = float(np.sum(np.abs(rest - correction * request) ** 2)) / (count - 1)
     model = complex(plant.response(frequency))

@@ -7,6 +7,7 @@ some HTML in its labels, so every text that may come from a log goes through ``l
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -40,6 +41,7 @@ class Panel:
     x_range, y_range : by default what the data needs
     categories : labels of the y axis at 0, 1, 2, …, in place of numbers
     marks : shapes under the lines, as ``band`` and ``level`` make them
+    x_log, y_log : where labels may stand on a logarithmic axis; without them the axis is linear
     x_ticks : whether the x axis has labels; without them where the panel below has the same axis
     ticks : how many labels the x and the y axis have at most
     """
@@ -54,6 +56,8 @@ class Panel:
     marks: Sequence[dict[str, Any]] = ()
     x_ticks: bool = True
     ticks: tuple[int, int] = (7, 7)
+    x_log: Sequence[float] = ()
+    y_log: Sequence[float] = ()
 
 
 @dataclass(frozen=True)
@@ -318,7 +322,7 @@ def _x_axis(panel: Panel, place: str, box: _Box) -> dict[str, Any]:
         axis["range"] = list(panel.x_range)
     if panel.x_ticks is False:
         axis["showticklabels"] = False
-    return axis
+    return _logarithmic(axis, panel.x_log)
 
 
 def _y_axis(panel: Panel, place: str, box: _Box) -> dict[str, Any]:
@@ -331,7 +335,21 @@ def _y_axis(panel: Panel, place: str, box: _Box) -> dict[str, Any]:
         axis["ticktext"] = [label(name, 30) for name in panel.categories]
         axis["range"] = [len(panel.categories) - 0.4, -0.6]
         del axis["nticks"]
-    return axis
+    return _logarithmic(axis, panel.y_log)
+
+
+def _logarithmic(axis: dict[str, Any], ticks: Sequence[float]) -> dict[str, Any]:
+    """Make an axis logarithmic with labels where they may stand; without such places leave it linear.
+
+    plotly.js wants the range of such an axis as logarithms, and shapes on it as plain values.
+    """
+    if not ticks:
+        return axis
+    shown = {**axis, "type": "log", "tickvals": list(ticks), "ticktext": [f"{tick:g}" for tick in ticks]}
+    if "range" in axis:
+        shown["range"] = [math.log10(end) for end in axis["range"]]
+    del shown["nticks"]
+    return shown
 
 
 def _title(panel: Panel, box: _Box) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from ident.report.page import (
     Text,
     Verdict,
 )
-from ident.report.pages import health
+from ident.report.pages import bode, health
 from ident.report.pages import steering_figures as figures
 from ident.report.pages import steering_tables as tables_of
 from ident.results import Refusal, SteeringResult
@@ -68,6 +68,7 @@ def steering_page(result: SteeringResult, tables: Mapping[str, pd.DataFrame]) ->
             Section(
                 "responses", "Responses", _responses([group for group in groups if group not in first], runs)
             ),
+            Section("frequency", "Frequency response and bandwidth", bode.frequency_blocks(result), "Bode"),
             Section(
                 "runs",
                 "Fits by run",
