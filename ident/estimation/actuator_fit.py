@@ -33,6 +33,7 @@ from ident.estimation.actuator_likelihood import (
 from ident.estimation.noise import AutoRegression, Linearised, NoiseShape
 from ident.estimation.noise_fit import fit_autoregression, fit_continuous_ar1
 from ident.estimation.output_error import WHITE, Fit, fit_least_squares, fit_output_error, linear_score
+from ident.estimation.small_lag import settled_order
 from ident.results import Classification, Estimate, Status, SteeringModel
 
 Array = NDArray[np.float64]
@@ -161,7 +162,7 @@ def fit_actuator(
         identify_noise=identify,
         shape=WHITE if shape is None else shape,
     )
-    likely = _scored(fit, records)
+    likely = _scored(settled_order(fit, records), records)
     lost = plain.vaf - likely.vaf
     if lost > MISFIT_VAF and likely.rms > MISFIT_RMS * plain.rms:
         return plain

@@ -83,9 +83,15 @@ def without_unknown_head(record: ActuatorRecord, dead_time: float) -> ActuatorRe
 class ActuatorProblem:
     """The records of all runs with the model (2.25) as an output-error problem."""
 
-    def __init__(self, records: Sequence[ActuatorRecord], runs: int | None = None) -> None:
-        """Take the records: at least one, each with at least one sample, of ``runs`` runs in all."""
+    def __init__(
+        self, records: Sequence[ActuatorRecord], runs: int | None = None, ratio: float | None = None
+    ) -> None:
+        """Take the records: at least one, each with at least one sample, of ``runs`` runs in all.
+
+        ratio : rho, where it is held
+        """
         self.records = list(records)
+        self.ratio_range = (SHORTEST_LAG_SHARE, LARGEST_RATIO) if ratio is None else (ratio, ratio)
         self.runs = 1 + max(record.run for record in records) if runs is None else runs
 
     def inside(self, shared: Array) -> Array:
@@ -94,7 +100,7 @@ class ActuatorProblem:
         high = np.full(shared.size, np.inf)
         low[DEAD_TIME], high[DEAD_TIME] = DEAD_TIME_RANGE
         low[SUM], high[SUM] = SUM_RANGE
-        low[RATIO], high[RATIO] = SHORTEST_LAG_SHARE, LARGEST_RATIO
+        low[RATIO], high[RATIO] = self.ratio_range
         return np.asarray(np.clip(shared, low, high))
 
     def start(self, shared: Array) -> list[Array]:
