@@ -6,7 +6,7 @@ walked through, the bytes that state those lengths are remembered, and every oth
 in which these bytes are the same is read by the same layout, with numpy.
 
 Encapsulations (DDS-XTypes 1.3, 7.6.3.1.2): 0000, 0001 plain CDR (XCDR1, alignment to 8 bytes at most);
-0006, 0007 plain XCDR2 (alignment to 4 bytes at most); 0008, 0009 delimited XCDR2. Even numbers are big-endian.
+0006, 0007 plain XCDR2 (alignment to 4 bytes at most); 0008, 0009 delimited XCDR2; even ones are big-endian.
 In XCDR2 a delimited (appendable) type, and an array or sequence of anything but numbers, is preceded by its
 length in bytes. ROS 1 messages have no encapsulation and no alignment and are little-endian.
 """
@@ -16,15 +16,17 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.logs.schema import Kind, Many, Member, Number, Schema, Struct, Text
+from ident.logs.schema import Kind, Many, Member, Number, Schema, Struct, Text, innermost
 
 DEEPEST = 64
 MIN_WINDOW = 16
 BLOCK = 64 << 20
+Order = Literal["<", ">"]
 Path = tuple[str | int, ...]
 Wanted = Mapping[str | int, "Wanted"]
 
@@ -49,7 +51,7 @@ class Encoding:
     terminated : whether strings end in a zero
     """
 
-    order: str
+    order: Order
     alignment: int
     begin: int = 4
     padding: int = 3
@@ -77,7 +79,7 @@ class Layout:
     places : path -> offset [bytes]; what the message does not hold is absent
     """
 
-    order: str
+    order: Order
     places: Mapping[Path, int]
     guards: Sequence[int]
 
@@ -183,28 +185,33 @@ class _Walker:
         self.guard(here, 4)
         return int(self._unpack_length(self.data, here)[0])
 
-    def _many(self, kind: Many, wanted: Wanted, path: Path) -> None:
-        plain = isinstance(kind.of, Number)
+    def _many(self, kind: Many, wanted: Wanted, path: Path, *, row: bool = False) -> None:
+        """Walk an array or a sequence; a ``row`` of one of several dimensions has no length of its own."""
+        inner = innermost(kind)
+        if self.encoding.xcdr2 and isinstance(inner, Number) and inner.enum:
+            raise CdrError(f"{_text(path)}: arrays of enums are not read in XCDR2, writers differ in them")
         outer = self.end
-        delimited = self.encoding.xcdr2 and not _of_numbers(kind)
+        delimited = self.encoding.xcdr2 and not row and not _of_numbers(kind)
         stop = self.enter() if delimited else outer
         count = self.length() if kind.size is None else kind.size
         if count > self.end - self.position:
             raise CdrError(
                 f"{_text(path)} states {count} elements, {self.end - self.position} bytes are left"
             )
-        if plain:
-            self._numbers(kind.of, count, wanted, path)
-        else:
-            for index in range(count):
+        for index in range(0 if isinstance(kind.of, Number) else count):
+            if isinstance(kind.of, Many) and kind.of.size is not None and kind.size is not None:
+                self._many(kind.of, wanted.get(index, {}), (*path, index), row=True)
+            else:
                 self.value(kind.of, wanted.get(index), (*path, index))
+        if isinstance(kind.of, Number):
+            self._numbers(kind.of, count, wanted, path)
         if delimited:
             self.position, self.end = stop, outer
 
-    def _numbers(self, kind: Kind, count: int, wanted: Wanted, path: Path) -> None:
+    def _numbers(self, kind: Number, count: int, wanted: Wanted, path: Path) -> None:
         if count == 0:  # then there is no padding either
             return
-        size = np.dtype(kind.type).itemsize if isinstance(kind, Number) else 1
+        size = np.dtype(kind.type).itemsize
         here = self._take(size, size * count)
         for index in wanted:
             if isinstance(index, int) and index < count:
@@ -230,10 +237,15 @@ class _Walker:
 
 
 def _of_numbers(kind: Many) -> bool:
+    """Whether its elements are numbers: those of an array of several dimensions are those of the last."""
+    return isinstance(kind.of if kind.size is None else _element(kind), Number)
+
+
+def _element(kind: Many) -> Kind:
     of = kind.of
     while isinstance(of, Many) and of.size is not None:
         of = of.of
-    return isinstance(of, Number)
+    return of
 
 
 def _text(path: Path) -> str:
@@ -352,10 +364,8 @@ def _take_columns(
     for path, offset in layout.places.items():
         kind = np.dtype(types[path])
         raw = np.ascontiguousarray(table[:, offset : offset + kind.itemsize])
-        if kind == np.bool_:
-            values = raw[:, 0] != 0
-        else:
-            values = raw.view(kind.newbyteorder(layout.order))[:, 0]
+        ordered = kind.newbyteorder(layout.order)
+        values = raw[:, 0] != 0 if kind == np.bool_ else raw.view(ordered)[:, 0]
         if path in read.columns:
             read.columns[path][rows] = values
         if path in read.whole:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -19,7 +19,7 @@ from ident.logs.record import FieldError
 from ident.logs.schema import Kind, Many, Member, Number, Schema, Struct, Text, Unknown, normal
 
 _COMMENT = re.compile(
-    r'("(?:\\.|[^"\\])*")|//[^\n]*|/\*.*?\*/|^[ \t]*#[^\n]*|^=+[ \t]*$|^IDL:[^\n]*', re.S | re.M
+    r'("(?:\\.|[^"\\])*")|//[^\n]*|/\*.*?\*/|^[ \t]*#[^\n]*|^=+[ \t]*$|^IDL:[^\n]*', re.DOTALL | re.MULTILINE
 )
 _TOKEN = re.compile(
     r"""\s*(?:(?P<text>L?"(?:\\.|[^"\\])*"|L?'(?:\\.|[^'\\])+')|(?P<number>\d[\w.]*)"""
@@ -29,9 +29,11 @@ _INTEGERS = {
     ("short",): "int16", ("long",): "int32", ("long", "long"): "int64",
     ("unsigned", "short"): "uint16", ("unsigned", "long"): "uint32", ("unsigned", "long", "long"): "uint64",
 }  # fmt: skip
-_NUMBERS = {
-    **{f"{sign}int{bits}": f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)},
-    "float": "float32", "double": "float64", "boolean": "bool", "octet": "uint8", "char": "uint8",
+WIDE = Unknown("wide text is not read: writers differ in it")
+_SIMPLE: dict[str, Kind] = {
+    **{f"{sign}int{bits}": Number(f"{sign}int{bits}") for sign in ("", "u") for bits in (8, 16, 32, 64)},
+    "float": Number("float32"), "double": Number("float64"), "boolean": Number("bool"),
+    "octet": Number("uint8"), "char": Number("uint8"), "wchar": WIDE,
 }  # fmt: skip
 _EXTENSIBILITY = {"final", "appendable", "mutable"}
 _MOST_TOKENS = 1_000_000
@@ -159,11 +161,11 @@ class _Parser:
         value = 0
         while not self._accept("}"):
             extra = self._annotations()
-            value = int(extra.get("value", value), 0) if "value" in extra else value
+            value = int(extra["value"], 0) if "value" in extra else value
             self._constants[scope + self._next()] = value
             value += 1
             self._accept(",")
-        self._aliases[scope + name] = Number("int8" if bits <= 8 else "int16" if bits <= 16 else "int32")
+        self._aliases[scope + name] = Number(f"int{8 if bits <= 8 else 16 if bits <= 16 else 32}", enum=True)
 
     def _constant(self, scope: str) -> None:
         self._kind(scope)
@@ -193,15 +195,15 @@ class _Parser:
         if word in {"string", "wstring"}:
             if self._accept("<"):
                 self._until(">")
-            return Text() if word == "string" else Unknown("wide text is not read: writers differ in it")
+            return Text() if word == "string" else WIDE
         if word in {"sequence", "map"}:
             return self._template(word, scope)
-        if word in _NUMBERS:
-            return Number(_NUMBERS[word])
-        if word == "wchar":
-            return Unknown("wide text is not read: writers differ in it")
         if word in {"short", "long", "unsigned"}:
             return self._integer(word)
+        return _SIMPLE.get(word) or self._named(word, scope)
+
+    def _named(self, word: str, scope: str) -> Kind:
+        """Return what a typedef, an enum or a struct of this name is."""
         alias = self._resolve(word, scope, self._aliases)
         if alias is not None:
             return self._aliases[alias]
@@ -239,7 +241,7 @@ class _Parser:
             if not self._accept(","):
                 return
 
-    def _resolve(self, name: str, scope: str, known: dict[str, object] | dict[str, _Type]) -> str | None:
+    def _resolve(self, name: str, scope: str, known: Mapping[str, object]) -> str | None:
         """Find a name from the inner scope outwards."""
         if name.startswith("::"):
             return name[2:] if name[2:] in known else None

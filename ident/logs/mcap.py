@@ -42,7 +42,7 @@ class _Place:
 
 @dataclass
 class _Index:
-    """Messages of one channel: log and publish time [ns], chunk number (-1: outside chunks), begin and end."""
+    """Messages of one channel: log and publish time [ns], chunk (-1: outside chunks), begin and end."""
 
     times: array[int] = field(default_factory=lambda: array("q"))
     published: array[int] = field(default_factory=lambda: array("q"))

@@ -82,12 +82,17 @@ class Ros1Storage:
         self._losses: list[Loss] = []
         self._lost_chunk: Loss | None = None
         self._cache: OrderedDict[int, bytes] = OrderedDict()
+        self._read_header = False
         self._closed_properly = False
         with path.open("rb") as file, closing(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)) as data:
             if data[: len(MAGIC)] != MAGIC:
                 version = data[len(ANY_MAGIC) : 16].split(b"\n")[0].decode("ascii", "replace")
                 raise UnusableLog(f"{path}: ROS 1 bag of version {version}, need 2.0: run 'rosbag fix' on it")
             self._scan(data)
+        if not self._connections and not self._read_header:
+            raise UnusableLog(
+                f"{path}: ROS 1 bag without a record that can be read ({path.stat().st_size} bytes)"
+            )
         self._numbers: dict[int, list[int]] = {}
         self.channels = self._merge_connections()
         self.damage = self._damage()
@@ -146,6 +151,7 @@ class Ros1Storage:
         if record.op == BAG_HEADER:
             if record.fields.get(b"encryptor"):
                 raise UnusableLog(f"{self.path}: is encrypted: decrypt it first")
+            self._read_header = True
             self._closed_properly = int.from_bytes(record.fields.get(b"index_pos", b""), "little") > 0
         elif record.op == CHUNK:
             self._take_chunk(data, record)

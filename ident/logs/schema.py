@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib import resources
+from typing import Any
 
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
@@ -25,9 +26,10 @@ _ROS_NUMBERS = {"char": "uint8", "octet": "uint8"}
 
 @dataclass(frozen=True)
 class Number:
-    """A number, by its numpy type."""
+    """A number, by its numpy type; that of an enum is the value of one of its names."""
 
     type: str
+    enum: bool = False
 
 
 @dataclass(frozen=True)
@@ -175,22 +177,25 @@ def _completed(root: str, types: dict[str, list[Member]], *, ros1: bool) -> Sche
     return Schema(root, types).check()
 
 
-def _members(found: Sequence[tuple[str, object]], *, ros1: bool) -> list[Member]:
+def _members(found: Sequence[tuple[str, tuple[Any, Any]]], *, ros1: bool) -> list[Member]:
     # ROS 1 writes nothing for a type without fields, ROS 2 one byte.
     return [
         Member(name, _kind(desc, ros1=ros1)) for name, desc in found if not (ros1 and name == EMPTY_STRUCT)
     ]
 
 
-def _kind(desc: object, *, ros1: bool) -> Kind:
-    node, rest = desc  # type: ignore[misc]
+def _kind(desc: tuple[Any, Any], *, ros1: bool) -> Kind:
+    node, rest = desc
     if node == Nodetype.NAME:
         return Struct(rest)
     if node == Nodetype.ARRAY:
         return Many(_kind(rest[0], ros1=ros1), rest[1])
     if node == Nodetype.SEQUENCE:
         return Many(_kind(rest[0], ros1=ros1))
-    name = rest[0]
+    return _base_kind(rest[0], ros1=ros1)
+
+
+def _base_kind(name: str, *, ros1: bool) -> Kind:
     if name == "string":
         return Text()
     if name in {"wstring", "wchar", "float128"}:

@@ -369,7 +369,7 @@ def test_unreadable_logs_are_listed_and_the_others_read(tmp_path):
     assert [run.name for run in loaded.runs] == ["good"]
     assert {refusal.what: refusal.reason.split(": ", 1)[1] for refusal in loaded.unreadable} == {
         "bad": "is empty (0 bytes)",
-        "old": "ROS 1 bag: not read yet, convert it to MCAP or rosbag2",
+        "old": "ROS 1 bag without a record that can be read (13 bytes)",
     }
     assert len(loaded.warnings) == 2
 
