@@ -169,9 +169,10 @@ def held_fundamental(
     """
     low, high = window
     inside = (command_times > low) & (command_times < high)
-    edges = np.concatenate([[low], command_times[inside], [high]]) - middle
-    index = np.searchsorted(command_times, edges[:-1] + middle, side="right") - 1
+    edges = np.concatenate([[low], command_times[inside], [high]])
+    index = np.searchsorted(command_times, edges[:-1], side="right") - 1
     values = command_values[np.maximum(index, 0)]
+    edges -= middle
     orders = np.arange(-HIGHEST_HARMONIC, HIGHEST_HARMONIC + 1)
     sums = [np.diff(_integral(order * frequency, edges)) @ values for order in -orders]
     ends = np.array([low, high]) - middle

@@ -65,6 +65,21 @@ def with_frequency_response(
     ----------
     result : with ``experiments`` in the order of runs, stretches and time, as ``list_experiments`` gives them
     """
+    points, parts, why_not = frequency_points(data, fit)
+    bandwidth = check_bandwidth(points, fit.common.fit, plant_of(fit.common.fit))
+    return replace(
+        result,
+        experiments=_marked(result.experiments, parts, why_not, fit),
+        frequency_response=sorted(points, key=lambda one: (one.frequency, one.run, one.start)),
+        model_response=model_response(fit.common.fit, _drawn(points, bandwidth)),
+        bandwidth=bandwidth if result.adequate else _doubted(bandwidth),
+    )
+
+
+def frequency_points(
+    data: Sequence[SteeringRun], fit: RunsFit
+) -> tuple[list[FrequencyPoint], list[_Part], dict[int, str]]:
+    """Return all points, the parts they come from, and experiment -> why it gives none."""
     plant = plant_of(fit.common.fit)
     parts = [one for one in _parts(data) if one.run not in fit.excluded]
     jitter = max(jitter_of(run.measured.time) for run in data)
@@ -74,14 +89,7 @@ def with_frequency_response(
     for part in parts:
         if part.frequency is None:
             _add_spectrum(part, plant, points, why_not)
-    bandwidth = check_bandwidth(points, fit.common.fit, plant)
-    return replace(
-        result,
-        experiments=_marked(result.experiments, parts, why_not, fit),
-        frequency_response=sorted(points, key=lambda one: (one.frequency, one.run, one.start)),
-        model_response=model_response(fit.common.fit, _drawn(points, bandwidth)),
-        bandwidth=bandwidth if result.adequate else _doubted(bandwidth),
-    )
+    return points, parts, why_not
 
 
 def plant_of(fit: Fit) -> Plant:

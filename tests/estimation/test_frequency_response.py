@@ -1,7 +1,7 @@
 """Sines and chirps of a simulated actuator against its exact transfer function.
 
-The model that is handed in is wrong by a per cent or more on purpose: what comes out must be the truth all the
-same. The truth is written out here and shares nothing with ident.
+The model that is handed in is wrong by a per cent or more on purpose: what comes out must be the truth all
+the same. The truth is written out here and shares nothing with ident.
 """
 
 from dataclasses import replace
@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from generator.commands import Sine, sines, sines_end
-from generator.steering import STEERING_TESTS, SteeringTest, steering_signals
+from generator.steering import SteeringTest, steering_signals
 from generator.truth import Actuator, load_truth
 from scipy.stats import binom
 
@@ -61,13 +61,13 @@ WRONG = plant(gain=1.01, dead_time=0.005, total=1.02, product=1.05)
 
 def excerpts(signals):
     """(excerpt, frequency) of every sine that is found."""
-    found = []
     stretches = find_stretches(signals.request_time, signals.request, signals.angle_time, signals.angle)
-    for stretch in stretches:
-        for one in find_experiments(stretch):
-            if one.kind == "sine" and not one.rejected:
-                found.append((excerpt(stretch, one.start, one.end_time), one.frequency))
-    return found
+    return [
+        (excerpt(stretch, one.start, one.end_time), one.frequency)
+        for stretch in stretches
+        for one in find_experiments(stretch)
+        if one.kind == "sine" and not one.rejected
+    ]
 
 
 def excerpt(stretch, begin, end):
@@ -154,11 +154,16 @@ def test_phase_is_continuous_beyond_half_a_turn():
 @pytest.mark.parametrize("request_rate", [20.0, 50.0])
 @pytest.mark.parametrize("angle_rate", [20.0, 50.0])
 def test_the_hold_of_the_command_is_not_taken_for_the_actuator(request_rate, angle_rate):
-    """Held at 20 Hz, a sine of 10 rad/s is late by 25 ms (0.25 rad) and lower by 1 %."""
+    """Held at 20 Hz, a sine of 10 rad/s is late by 25 ms (0.25 rad) and lower by 1 %.
+
+    Where the angle is sampled at 20 Hz too, the images of the staircase fall on the sine (0.1 %); the model
+    takes them away but for its own error at 115 rad/s.
+    """
+    close = plant(gain=1.005, dead_time=0.0005, total=1.005, product=1.01)
     truth = with_rates(request_rate, angle_rate, white_std=1e-5, noise_std=0.0, resolution=0.0)
-    (one,) = responses(steering_signals(one_sine(10.0, 12.0), truth, 5))
-    assert one.gain == pytest.approx(abs(transfer(one.frequency)), rel=4e-4)
-    assert one.phase == pytest.approx(true_phase(one.frequency), abs=4e-4)
+    (one,) = responses(steering_signals(one_sine(10.0, 12.0), truth, 5), close)
+    assert one.gain == pytest.approx(abs(transfer(one.frequency)), rel=2e-4)
+    assert one.phase == pytest.approx(true_phase(one.frequency), abs=2e-4)
 
 
 def test_the_fundamental_of_a_staircase_is_that_of_the_sampling_theorem():
@@ -242,7 +247,7 @@ def test_harmonics_too_fast_for_the_measurement_are_left_out():
 def test_refuses_a_sine_of_which_the_answer_is_hardly_recorded():
     signals = steering_signals(one_sine(1.0, 3.0), TRUTH, 1)
     ((record, frequency),) = excerpts(signals)
-    with pytest.raises(NotIdentifiable, match="cycles in .* samples of the answer"):
+    with pytest.raises(NotIdentifiable, match=r"cycles in \d+ samples of the answer"):
         prepare_sine(record.answer(0.0, record.begin + 3.0), frequency, WRONG)
 
 
@@ -285,21 +290,21 @@ def test_the_spectrum_of_a_chirp_spans_its_frequencies_and_no_others(chirps):
 
 
 def test_coherence_is_that_of_the_signal_and_noise_put_in():
-    """With white noise of spectral density s² T the coherence is |G|² S_uu / (|G|² S_uu + s² T)."""
+    """With a held white request and white noise, (1 - g²) / g² is s² / |G H A|², H the hold."""
     rng = np.random.default_rng(8)
-    level, size, period, length = 0.2, 0.3, 0.02, 400.0
+    level, size, period, length = 0.05, 0.3, 0.02, 400.0
     truth = with_rates(50.0, 50.0, white_std=level, noise_std=0.0, resolution=0.0, bias=0.0)
     values = size * rng.standard_normal(int(length / period) + 400)
     test = SteeringTest(lambda t: values[np.floor((t + 4.0) / period).astype(int)], length)
     points = spectrum(steering_signals(test, truth, 1), end=length - 1.0, model=plant())
-    checked = 0
-    for point in points:
-        if 2.0 < point.frequency < 8.0:
-            hold = np.sinc(point.frequency * period / 2 / np.pi)
-            signal = (abs(transfer(point.frequency)) * size * hold) ** 2
-            assert point.coherence == pytest.approx(signal / (signal + level**2), abs=0.05)
-            checked += 1
-    assert checked >= 4
+    inner = [point for point in points if 1.0 < point.frequency < 8.0]
+    frequency = np.array([point.frequency for point in inner])
+    coherence = np.array([point.coherence for point in inner])
+    expected = (level / (size * abs(transfer(frequency)))) ** 2
+    assert frequency.size >= 8
+    # Some 400 spectra in all: the mean over all bands, weighted by their widths, is known to 5 %.
+    ratio = np.average((1 - coherence) / coherence / expected, weights=frequency)
+    assert ratio == pytest.approx(1.0, abs=0.15)
 
 
 def test_noise_without_an_answer_is_refused_and_not_called_a_response():
