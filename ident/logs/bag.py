@@ -122,14 +122,10 @@ def open_rosbag2(folder: Path, open_storage: Callable[[Path], Storage]) -> Store
     if not storages:
         reason = problems[-1].what if problems else "it holds no .mcap or .db3 file"
         raise UnusableLog(f"{folder}: nothing can be read: {reason}")
-    kinds = dict.fromkeys(_kind(storage) for storage in storages)
+    kinds = dict.fromkeys(storage.format.removeprefix("rosbag2 ") for storage in storages)
     log = StoredLog(folder, f"rosbag2 {' and '.join(kinds)}", storages)
     log.damage = problems + log.damage + _compare_counts(log, metadata)
     return log
-
-
-def _kind(storage: Storage) -> str:
-    return "sqlite3" if type(storage).__name__.startswith("Sqlite") else "mcap"
 
 
 def _size(path: Path) -> int | None:
@@ -184,7 +180,7 @@ def storage_files(folder: Path) -> list[Path]:
 
 def stem_and_number(path: Path) -> tuple[str, int | None]:
     """Split ``name_12.mcap`` into its name and its number, None where it carries none."""
-    stem = re.sub(r"\.(mcap|db3|bag|db)(\.zstd)?$", "", path.name)
+    stem = re.sub(r"\.(mcap|db3|bag|bag\.active|db|dat)(\.zstd)?$", "", path.name)
     match = re.fullmatch(r"(.+)_(\d{1,9})", stem)
     return (match[1], int(match[2])) if match else (stem, None)
 

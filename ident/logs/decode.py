@@ -173,6 +173,8 @@ class BinaryDecoder:
 
 
 def _schema(channel: Channel) -> Schema:
+    if channel.schema is not None:
+        return channel.schema.check()
     if not channel.definition:
         return standard_schema(channel.type)
     if channel.definition_format in {"ros2msg", "ros1msg"}:

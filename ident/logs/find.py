@@ -1,7 +1,9 @@
 """PATHS -> RUNS: what lies under the paths that the user gave.
 
 A run is one rosbag2 folder (with metadata.yaml) or one file; ``name_0``, ``name_1``, ... of one recorder
-are one run. Its name is its path relative to the path given, without suffix.
+are one run. Its name is its path relative to the path given, without suffix. CSV and Parquet files are runs
+where they are named themselves, and where the path given holds no other log: beside other logs, and in a
+folder that ``ident`` wrote, they are side files.
 """
 
 from __future__ import annotations
@@ -15,8 +17,10 @@ from pathlib import Path
 from ident.errors import UnusableLog
 from ident.logs.bag import in_sequence, stem_and_number, storage_files
 
-SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd", ".bag", ".db")
+SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd", ".bag", ".bag.active", ".db", ".dat")
+TABLES = (".csv", ".parquet")
 METADATA = "metadata.yaml"
+REPORT = "index.html"
 
 
 @dataclass(frozen=True)
@@ -46,13 +50,16 @@ def find_runs(logs: Sequence[Path]) -> list[RunPath]:
     for root in logs:
         if not root.exists():
             raise UnusableLog(f"{root}: no such file or folder")
-        for run in _runs_under(root):
+        runs_here = list(_runs_under(root))
+        for run in [run for run in runs_here if not _is_side_file(run, runs_here)]:
             found.setdefault(run.path.resolve(), run)
     typed = [run for run in found.values() if run.root == run.path and run.path.is_file()]
     runs = [run for run in found.values() if run not in typed] + list(_grouped(typed))
     if not runs:
         where = ", ".join(map(str, logs)) or "nothing"
-        raise UnusableLog(f"no log found in {where} (looked for .mcap, .db3, rosbag2 folders)")
+        raise UnusableLog(
+            f"no log found in {where} (looked for {', '.join((*SUFFIXES, *TABLES))}, rosbag2 folders)"
+        )
     return sorted(_told_apart(runs), key=lambda run: _natural(run.name))
 
 
@@ -87,11 +94,23 @@ def _runs_under(root: Path) -> Iterator[RunPath]:
             folders.clear()
             yield RunPath(str(folder.relative_to(root)), folder, root)
             continue
-        logs = [folder / name for name in files if name.endswith(SUFFIXES) and not name.startswith(".")]
+        ends = (*SUFFIXES, *(() if _is_written_by_ident(folder) else TABLES))
+        logs = [folder / name for name in files if name.endswith(ends) and not name.startswith(".")]
         runs = [RunPath(_without_suffix(path.relative_to(root)), path, root) for path in logs]
         yield from _grouped(runs)
     # A folder that may not be looked into is a run that cannot be opened: so it is told of.
     yield from (RunPath(str(folder.relative_to(root)), folder, root) for folder in closed)
+
+
+def _is_written_by_ident(folder: Path) -> bool:
+    """Whether a folder holds the signals of a report."""
+    return folder.name == "signals" and (folder.parent / REPORT).is_file()
+
+
+def _is_side_file(run: RunPath, runs: Sequence[RunPath]) -> bool:
+    """Whether a run is a table that was found beside other logs."""
+    found = run.path.name.endswith(TABLES) and run.path != run.root
+    return found and any(not other.path.name.endswith(TABLES) for other in runs)
 
 
 def _grouped(runs: Sequence[RunPath]) -> Iterator[RunPath]:
@@ -116,7 +135,7 @@ def _suffix(path: Path) -> str:
 
 def _without_suffix(path: Path) -> str:
     suffix = next(
-        (suffix for suffix in sorted(SUFFIXES, key=len, reverse=True) if path.name.endswith(suffix)), ""
+        (s for s in sorted((*SUFFIXES, *TABLES), key=len, reverse=True) if path.name.endswith(s)), ""
     )
     return str(path).removesuffix(suffix)
 

@@ -14,9 +14,10 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from pathlib import Path
 
 from ident.logs.record import FieldError
-from ident.logs.schema import Kind, Many, Member, Number, Schema, Struct, Text, Unknown, normal
+from ident.logs.schema import Kind, Many, Member, Number, Schema, Struct, Text, Unknown, innermost, normal
 
 _COMMENT = re.compile(
     r'("(?:\\.|[^"\\])*")|//[^\n]*|/\*.*?\*/|^[ \t]*#[^\n]*|^=+[ \t]*$|^IDL:[^\n]*', re.DOTALL | re.MULTILINE
@@ -49,8 +50,12 @@ class _Type:
 
 
 @lru_cache(maxsize=1024)
-def idl_schema(kind: str, text: str) -> Schema:
+def idl_schema(kind: str, text: str, *, guess: bool = False) -> Schema:
     """Read IDL and pick the type of a topic out of it.
+
+    Parameters
+    ----------
+    guess : where no type is called ``kind``, take the only one that no other is made of
 
     Raises
     ------
@@ -63,7 +68,7 @@ def idl_schema(kind: str, text: str) -> Schema:
     except (IndexError, ValueError, RecursionError) as error:
         reason = "it ends early" if isinstance(error, IndexError) else str(error)
         raise FieldError(f"definition of {kind} cannot be read as IDL: {reason[:160]}") from error
-    root = parser.find_root(kind)
+    root = parser.find_root(kind, guess=guess)
     types = {name: parser.members_of(name) for name in parser.structs}
     delimited = frozenset(
         name for name, type_ in parser.structs.items() if type_.extensibility == "appendable"
@@ -84,13 +89,17 @@ class _Parser:
 
     # --- results ----------------------------------------------------------------------------------
 
-    def find_root(self, kind: str) -> str:
+    def find_root(self, kind: str, *, guess: bool) -> str:
         """Return the struct that a topic's type names; ``FieldError`` where there is none."""
         same = [name for name in self.structs if normal(name) == normal(kind)]
         last = normal(kind).rpartition("/")[2]
         near = [name for name in self.structs if normal(name).rpartition("/")[2] == last]
         if same or len(near) == 1:
-            return _public((same or near)[0])
+            return (same or near)[0]
+        used = {inner.name for type_ in self.structs.values() for inner in _structs(type_)}
+        outer = [name for name in self.structs if name not in used]
+        if guess and len(outer) == 1:
+            return outer[0]
         raise FieldError(
             f"the definition does not define {kind}, only {', '.join(self.structs) or 'nothing'}"
         )
@@ -303,6 +312,19 @@ class _Parser:
         found = self._next()
         if found != word:
             raise ValueError(f"{found!r} where {word!r} is needed")
+
+
+def _structs(type_: _Type) -> Iterator[Struct]:
+    kinds = (innermost(member.kind) for member in type_.members)
+    yield from (kind for kind in kinds if isinstance(kind, Struct))
+    if type_.base is not None:
+        yield Struct(type_.base)
+
+
+def idl_text_beside(path: Path) -> str:
+    """Return the text of all IDL files in the folder of a recording."""
+    files = sorted(path.parent.glob("*.idl"))
+    return "\n".join(file.read_text(encoding="utf-8", errors="replace") for file in files)
 
 
 def _tokens(text: str) -> Iterator[str]:

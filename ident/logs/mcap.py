@@ -65,6 +65,8 @@ class McapStorage:
     counted : messages that the writer counted in the summary, None where there is none
     """
 
+    format = "mcap"
+
     def __init__(self, path: Path) -> None:
         self.path = path
         self.files = [path]

@@ -9,23 +9,24 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ident.errors import UnusableLog
-from ident.logs import ros1, sqlite
+from ident.logs import ros1, sqlite_file
 from ident.logs.bag import StoredLog, in_sequence, open_rosbag2, storage_files
 from ident.logs.compression import ZSTD_MAGIC, decompress_file
 from ident.logs.mcap import McapStorage
 from ident.logs.mcap_records import MAGIC as MCAP_MAGIC
 from ident.logs.record import Log, Storage
 from ident.logs.ros1 import Ros1Storage
-from ident.logs.sqlite import SqliteStorage
+from ident.logs.sqlite_kinds import open_sqlite
+from ident.logs.table import PARQUET_MAGIC, SUFFIXES, TableLog
 from ident.results import Damage
 
 READERS: dict[bytes, Callable[[Path], Storage]] = {
     MCAP_MAGIC: McapStorage,
-    sqlite.MAGIC: SqliteStorage,
+    sqlite_file.MAGIC: open_sqlite,
     ros1.ANY_MAGIC: Ros1Storage,
 }
-NOT_READ_YET = {b"PAR1": "Parquet file", b"MDF ": "MDF file"}
-NAMES_NOT_READ_YET = {".csv": "CSV file", ".mf4": "MDF file"}
+NOT_READ_YET = {b"MDF ": "MDF file"}
+NAMES_NOT_READ_YET = {".mf4": "MDF file"}
 
 
 def open_log(path: Path, files: Sequence[Path] = ()) -> Log:
@@ -37,12 +38,14 @@ def open_log(path: Path, files: Sequence[Path] = ()) -> Log:
         If nothing in it can be read; the message says why.
     """
     try:
+        if is_table(path):
+            return TableLog(path)
         if path.is_dir():
             return open_rosbag2(path, open_storage)
         if len(files) > 1:
             return _open_sequence(path, files)
         storage = open_storage(path)
-        return StoredLog(path, _format(path, storage), [storage])
+        return StoredLog(path, storage.format, [storage])
     except OSError as error:
         raise UnusableLog(f"{path}: cannot be read: {error.strerror or error}") from error
 
@@ -70,16 +73,17 @@ def open_storage(path: Path) -> Storage:
     raise UnusableLog(f"{path}: is no log (first bytes {head[:8].hex(' ')}), need MCAP or rosbag2")
 
 
+def is_table(path: Path) -> bool:
+    """Whether a file is a CSV or Parquet file, by its name or its first bytes."""
+    if not path.is_file() or not path.stat().st_size:
+        return False
+    return path.name.lower().endswith(SUFFIXES) or first_bytes(path).startswith(PARQUET_MAGIC)
+
+
 def first_bytes(path: Path) -> bytes:
     """Read as many bytes as tell the format."""
     with path.open("rb") as file:
         return file.read(16)
-
-
-def _format(path: Path, storage: Storage) -> str:
-    if isinstance(storage, Ros1Storage):
-        return "ros1"
-    return "rosbag2 sqlite3" if isinstance(storage, SqliteStorage) or ".db3" in path.name else "mcap"
 
 
 def _open_sequence(path: Path, files: Sequence[Path]) -> Log:
@@ -92,7 +96,7 @@ def _open_sequence(path: Path, files: Sequence[Path]) -> Log:
             damage.append(Damage(str(error), bytes_lost=file.stat().st_size))
     if not storages:
         raise UnusableLog(damage[0].what)
-    log = StoredLog(path, _format(path, storages[0]), storages)
+    log = StoredLog(path, storages[0].format, storages)
     log.damage = damage + log.damage
     return log
 

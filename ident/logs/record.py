@@ -8,12 +8,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ident.results import Damage
+
+if TYPE_CHECKING:
+    from ident.logs.schema import Schema
 
 Times = NDArray[np.int64]
 Values = NDArray[np.float64]
@@ -56,6 +59,7 @@ class Channel:
     definition : text of the message definition, empty where the file holds none
     definition_format : "ros2msg", "ros1msg", "omgidl" or "ros2idl", empty where the file holds none
     encoding : of the messages: "cdr", "ros1" or "json"
+    schema : the definition, where the file holds it in another form than text
     """
 
     topic: str
@@ -63,6 +67,7 @@ class Channel:
     encoding: str = "cdr"
     definition: str = ""
     definition_format: str = ""
+    schema: Schema | None = None
 
 
 @dataclass
@@ -80,8 +85,9 @@ class Stored:
 
 
 class Storage(Protocol):
-    """One file of messages; opening it has found its channels and its damage."""
+    """One file of messages; opening it has found its channels and its damage; ``format`` is its kind."""
 
+    format: str
     files: list[Path]
     channels: list[Channel]
     damage: list[Damage]

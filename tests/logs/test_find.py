@@ -88,7 +88,10 @@ def test_says_what_was_looked_for_where_there_is_no_log(tmp_path):
     (tmp_path / "channels.yaml").write_text("signals: {}")
     with pytest.raises(UnusableLog) as caught:
         find_runs([tmp_path])
-    assert str(caught.value) == f"no log found in {tmp_path} (looked for .mcap, .db3, rosbag2 folders)"
+    assert str(caught.value) == (
+        f"no log found in {tmp_path} (looked for .mcap, .db3, .mcap.zstd, .db3.zstd, .bag, .bag.active, .db, "
+        ".dat, .csv, .parquet, rosbag2 folders)"
+    )
 
 
 def test_says_which_path_does_not_exist(tmp_path):
@@ -110,8 +113,26 @@ def test_a_folder_that_may_not_be_looked_into_is_not_passed_over(tmp_path, monke
     assert names(tmp_path) == ["a", "closed"]
 
 
-def test_a_side_file_that_is_named_is_refused_when_it_is_opened(tmp_path):
+def test_a_table_without_times_that_is_named_is_refused_when_it_is_opened(tmp_path):
     (tmp_path / "table.csv").write_text("a,b\n")
     (run,) = find_runs([tmp_path / "table.csv"])
-    with pytest.raises(UnusableLog, match="CSV file: not read yet"):
+    with pytest.raises(UnusableLog, match="no column of times among 'a', 'b'"):
         open_log(run.path)
+
+
+def test_tables_are_runs_only_where_no_other_log_lies(tmp_path):
+    for name in ("run_1.csv", "run_2.csv", "more/other.parquet"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("t,a\n0,1\n1,2\n")
+    assert names(tmp_path) == ["more/other", "run_1", "run_2"]
+    write_mcap(tmp_path / "log.mcap", angles(3))
+    assert names(tmp_path) == ["log"]
+    assert names(tmp_path, tmp_path / "run_1.csv") == ["log", "run_1"]
+
+
+def test_the_signals_of_a_report_are_no_runs(tmp_path):
+    (tmp_path / "signals").mkdir()
+    (tmp_path / "signals" / "a.parquet").write_bytes(b"PAR1")
+    (tmp_path / "index.html").write_text("")
+    with pytest.raises(UnusableLog, match="no log found"):
+        find_runs([tmp_path])

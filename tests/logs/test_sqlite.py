@@ -137,8 +137,7 @@ def test_hostile_columns_are_taken_as_what_they_should_be(tmp_path):
     ("statement", "reason"),
     [
         ("CREATE TABLE other (x)", "not a rosbag2 file"),
-        ("CREATE TABLE Messages (id, data_cdr)", "DDS recording: not read yet"),
-        ('CREATE TABLE "topic@0" (rti_cdr_sample BLOB)', "DDS recording: not read yet"),
+        ("CREATE TABLE Messages (data_cdr, log_time)", "not a DDS recording that can be read"),
         ("CREATE TABLE topics (id, name, type, serialization_format)", "no such table: messages"),
     ],
 )

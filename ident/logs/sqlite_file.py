@@ -1,0 +1,113 @@
+"""SQLite files, read without a trace: read-only and immutable, so that nothing beside them is created.
+
+Where the recorder left a write-ahead log (``-wal``) the newest rows are in there: both are copied to a
+temporary folder and read from the copy. A damaged page costs the rows in it: rows are read by number, and
+the walk steps over those that cannot be read.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+import tempfile
+import weakref
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from ident.logs.damage import Loss
+
+MAGIC = b"SQLite format 3\x00"
+FIRST_ROW = -(1 << 40)
+LARGEST_STEP = 1 << 40
+Row = tuple[Any, ...]
+Select = Callable[[sqlite3.Connection, int], Iterator[Row]]
+
+
+class SqliteFile:
+    """One SQLite file; ``files`` are those that are read."""
+
+    def __init__(self, path: Path) -> None:
+        self.files = [path]
+        self._path = path
+        self._copy: Path | None = None
+        wal = path.with_name(path.name + "-wal")
+        if wal.exists() and wal.stat().st_size > 0:
+            self._copy = Path(tempfile.mkdtemp(prefix="ident-"))
+            weakref.finalize(self, shutil.rmtree, self._copy, ignore_errors=True)
+            shutil.copyfile(path, self._copy / path.name)
+            shutil.copyfile(wal, self._copy / wal.name)
+            self.files.append(wal)
+
+    def connect(self) -> sqlite3.Connection:
+        """Open the file for reading."""
+        path = self._path if self._copy is None else self._copy / self._path.name
+        options = "mode=ro&immutable=1" if self._copy is None else "mode=rw"
+        database = sqlite3.connect(f"{path.absolute().as_uri()}?{options}", uri=True)
+        # Without this SQLite refuses a file that is shorter than its header says (one cut off).
+        database.execute("PRAGMA writable_schema=ON")
+        return database
+
+    def close(self) -> None:
+        """Remove the temporary copy, if one was made."""
+        if self._copy is not None:
+            shutil.rmtree(self._copy, ignore_errors=True)
+
+
+def walk_rows(database: sqlite3.Connection, select: Select, losses: list[Loss]) -> Iterator[Row]:
+    """Yield all rows that can be read; each defect that is stepped over goes into ``losses``.
+
+    Parameters
+    ----------
+    select : yields the rows behind a number in their order, each beginning with its number
+
+    Raises
+    ------
+    sqlite3.DatabaseError
+        If a table or column is missing.
+    """
+    after: int | None = FIRST_ROW
+    defect: Loss | None = None
+    while after is not None:
+        last = after
+        try:
+            for row in select(database, after):
+                if row[0] <= last:
+                    raise sqlite3.DatabaseError("rows are out of order")  # noqa: TRY301
+                if defect is not None:  # each number that is missing behind a defect is a lost message
+                    defect.messages = row[0] - defect.place - 1
+                    defect = None
+                last = row[0]
+                yield row
+        except sqlite3.DatabaseError as error:
+            if "no such" in str(error):
+                raise
+            place = max(last, 0)
+            if defect is None:
+                defect = Loss("rows that cannot be read", place, detail=str(error))
+                losses.append(defect)
+            after = _behind_defect(database, select, place)
+        else:
+            after = None
+
+
+def _behind_defect(database: sqlite3.Connection, select: Select, after: int) -> int | None:
+    """Find the first number behind which rows can be read again, None where there is none."""
+
+    def readable(number: int) -> bool:
+        try:
+            first = next(select(database, number), None)
+        except sqlite3.DatabaseError:
+            return False
+        return first is None or first[0] > number
+
+    step = 1
+    while not readable(after + step):
+        step *= 2
+        if step > LARGEST_STEP:
+            return None
+    low, high = after + step // 2, after + step
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if readable(middle) else (middle, high)
+    return high

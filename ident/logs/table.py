@@ -1,0 +1,231 @@
+"""TABLES: a CSV or Parquet file is a run with one topic, named after the file; its columns are the fields.
+
+The column of times is the first of these that is there, whatever its case: ``time``, ``timestamp``,
+``stamp``, ``t``, ``log_time``, ``seconds``, ``sec`` (together with ``nanosec`` or ``nsec``, if there is one).
+Its unit stands behind the name (``time_ms``, ``time [ms]``, ``t (us)``: s, ms, us, µs or ns). Without one,
+times since 1970 are told by their size (in ms, µs and ns they lie above 1e11, 1e14 and 1e17), and all else is
+seconds. Rows more than 10 s apart show a wrong unit and are refused, as are times that do not rise; dates are
+read as UTC. A row without a time, or with too few or too many cells, is lost and counted.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+from pyarrow import csv
+
+from ident.errors import UnusableLog
+from ident.logs.record import Columns, FieldError, Times, Topic
+from ident.results import Damage
+from ident.yaml_file import nearest
+
+PARQUET_MAGIC = b"PAR1"
+SUFFIXES = (".csv", ".parquet")
+TIME_NAMES = ("time", "timestamp", "stamp", "t", "log_time", "seconds", "sec")
+FRACTIONS = ("nanosec", "nsec", "nanosecs", "nsecs")
+UNITS = {"s": 1e9, "sec": 1e9, "seconds": 1e9, "ms": 1e6, "us": 1e3, "µs": 1e3, "μs": 1e3, "ns": 1.0}
+EPOCHS = ((1e17, 1.0), (1e14, 1e3), (1e11, 1e6))
+FEWEST_RISING = 0.9
+KIND = "table"
+_UNIT = re.compile(r"(.+?)\s*(?:_|\s|\[|\()\s*(s|sec|seconds|ms|us|µs|μs|ns)\s*[\])]?")
+
+
+class TableLog:
+    """One CSV or Parquet file (see ``ident.logs.record.Log``)."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.files = [path]
+        self.damage: list[Damage] = []
+        parquet = _is_parquet(path)
+        self.format = "parquet" if parquet else "csv"
+        table = self._read_parquet() if parquet else self._read_csv()
+        self._topic = "/" + re.sub(r"(\.csv|\.parquet)$", "", path.name, flags=re.IGNORECASE)
+        times, used, good = _times(table, path)
+        lost = int(np.count_nonzero(~good))
+        if lost:
+            self.damage.append(Damage(f"{path.name}: rows without a time", lost))
+        self._times = times[good]
+        _check_rising(self._times, used[0], path)
+        self._values = {
+            name: values[good]
+            for name in table.columns
+            if name not in used and (values := _numbers(table[name])) is not None
+        }
+        self.topics = [Topic(self._topic, KIND, len(self._times))]
+
+    def times(self, topic: str) -> Times:
+        """Times of all rows [ns]."""
+        self._check(topic)
+        return self._times
+
+    def fields(self, topic: str) -> dict[str, str]:
+        """Return the names of all columns of numbers."""
+        self._check(topic)
+        return dict.fromkeys(self._values, "float64")
+
+    def expand(self, topic: str, name: str) -> list[str]:
+        """Check that ``name`` is a column of numbers; ``FieldError`` where it is not."""
+        self._check(topic)
+        if name not in self._values:
+            raise FieldError(f"{topic} has no column of numbers {name!r}, {nearest(name, self._values)}")
+        return [name]
+
+    def columns(self, topic: str, fields: Sequence[str]) -> Columns:
+        """Return these columns; ``FieldError`` where one does not exist."""
+        names = [self.expand(topic, name)[0] for name in fields]
+        return Columns(self._times, None, {name: self._values[name] for name in names})
+
+    def close(self) -> None:
+        """Do nothing: the file was read whole."""
+
+    def _check(self, topic: str) -> None:
+        if topic != self._topic:
+            raise FieldError(f"no topic {topic!r}, {nearest(topic, [self._topic])}")
+
+    # --- reading ----------------------------------------------------------------------------------
+
+    def _read_parquet(self) -> pd.DataFrame:
+        try:
+            return pq.read_table(self.path).to_pandas()  # type: ignore[no-any-return]
+        except (pa.ArrowException, OSError, ValueError) as error:
+            reason = " ".join(str(error).split())[:160]
+            raise UnusableLog(f"{self.path}: Parquet file that cannot be read ({reason})") from error
+
+    def _read_csv(self) -> pd.DataFrame:
+        """Read the rows that have as many cells as the first line has names."""
+        text = self.path.read_bytes().decode("utf-8-sig", "replace")
+        names = text.lstrip().partition("\n")[0]
+        mark = max(",;\t", key=names.count)
+        if mark not in names or "\0" in text:
+            raise UnusableLog(
+                f"{self.path}: no table: need a first line of names, parted by ',', ';' or tabs"
+            )
+        wrong: list[str] = []
+
+        def skip(row: csv.InvalidRow) -> str:
+            wrong.append(row.text)
+            return "skip"
+
+        options = csv.ParseOptions(delimiter=mark, newlines_in_values='"' in text, invalid_row_handler=skip)
+        try:
+            table = csv.read_csv(io.BytesIO(text.lstrip().encode()), parse_options=options).to_pandas()
+        except (pa.ArrowException, ValueError) as error:
+            reason = " ".join(str(error).split())[:160]
+            raise UnusableLog(f"{self.path}: CSV file that cannot be read ({reason})") from error
+        if wrong:
+            text = f"{self.path.name}: rows that have not the {names.count(mark) + 1} cells of the first line"
+            self.damage.append(Damage(text, len(wrong)))
+        table.columns = [str(name).strip() for name in table.columns]
+        return table  # type: ignore[no-any-return]
+
+
+def _is_parquet(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(4) == PARQUET_MAGIC
+
+
+def _numbers(column: pd.Series) -> NDArray[np.float64] | None:
+    """Values of a column, NaN where a cell is no number; None where none of them is one."""
+    if column.dtype.kind in "Mm":
+        return None
+    if column.dtype.kind in "iufb":
+        values = column.to_numpy(dtype=np.float64)
+    else:
+        values = np.array([_number(cell) for cell in column], dtype=np.float64)
+    return values if np.isfinite(values).any() else None
+
+
+def _number(cell: object) -> float:
+    try:
+        return float(cell)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return np.nan
+
+
+# --- time -----------------------------------------------------------------------------------------
+
+
+def _times(table: pd.DataFrame, path: Path) -> tuple[Times, list[str], NDArray[np.bool_]]:
+    """Find the times [ns], the columns they come from, and the rows that have one."""
+    names = {str(name).strip().lower(): str(name) for name in table.columns}
+    plain = {_name_and_unit(name)[0]: name for name in reversed(names)}
+    chosen = next((plain[name] for name in TIME_NAMES if name in plain), None)
+    if chosen is None:
+        known = ", ".join(TIME_NAMES)
+        found = ", ".join(map(repr, table.columns[:6]))
+        raise UnusableLog(f"{path}: no column of times among {found}: name one of {known}, as in 'time_s'")
+    column = table[names[chosen]]
+    if column.dtype.kind not in "iuf" and _numbers(column) is None:
+        return _dates(column, names[chosen], path)
+    fraction = next((names[name] for name in FRACTIONS if name in names), None)
+    if fraction is not None and _name_and_unit(chosen)[0] == "sec":
+        whole, part = _numbers(column), _numbers(table[fraction])
+        if whole is not None and part is not None:
+            good = np.isfinite(whole) & np.isfinite(part) & (np.abs(whole) < 9e9) & (np.abs(part) < 9e9)
+            times = np.where(good, whole, 0).astype(np.int64) * 1_000_000_000
+            return times + np.where(good, part, 0).astype(np.int64), [names[chosen], fraction], good
+    return _scaled(column, names[chosen], _name_and_unit(chosen)[1])
+
+
+def _scaled(column: pd.Series, name: str, unit: float | None) -> tuple[Times, list[str], NDArray[np.bool_]]:
+    values = _numbers(column)
+    if values is None:
+        values = np.full(len(column), np.nan)
+    scale = unit or _unit_by_size(values)
+    good = np.isfinite(values) & (np.abs(values) < (1 << 62) / scale)
+    if column.dtype.kind in "iu" and scale >= 1:  # whole numbers stay exact beyond 2^53
+        return np.where(good, column.to_numpy(), 0).astype(np.int64) * int(scale), [name], good
+    safe = np.where(good, values, 0.0)
+    seconds = np.floor(safe)
+    # The whole part apart, so that times since 1970 keep what a float64 of seconds still holds.
+    times = seconds.astype(np.int64) * int(scale) + np.round((safe - seconds) * scale).astype(np.int64)
+    return times, [name], good
+
+
+def _dates(column: pd.Series, name: str, path: Path) -> tuple[Times, list[str], NDArray[np.bool_]]:
+    try:
+        found = pd.to_datetime(column, utc=True, errors="coerce")
+    except (ValueError, TypeError, OverflowError) as error:
+        raise UnusableLog(f"{path}: the times in {name!r} cannot be read ({error})") from error
+    good = found.notna().to_numpy(dtype=np.bool_)
+    if not good.any():
+        raise UnusableLog(
+            f"{path}: column {name!r} holds no times, such as {str(column.iloc[:1].tolist())[:60]}"
+        )
+    times = found.to_numpy(dtype="datetime64[ns]").astype(np.int64)
+    return times, [name], good
+
+
+def _name_and_unit(name: str) -> tuple[str, float | None]:
+    match = _UNIT.fullmatch(name)
+    return (match[1].strip(), UNITS[match[2]]) if match else (name, None)
+
+
+def _unit_by_size(values: NDArray[np.float64]) -> float:
+    """Tell ns, µs, ms and s of times since 1970 apart; anything smaller is seconds."""
+    finite = np.abs(values[np.isfinite(values)])
+    middle = float(np.median(finite)) if len(finite) else 0.0
+    return next((scale for least, scale in EPOCHS if middle > least), 1e9)
+
+
+def _check_rising(times: Times, name: str, path: Path) -> None:
+    if len(times) < 2:
+        raise UnusableLog(f"{path}: {len(times)} rows with a time, need at least 2")
+    steps = np.diff(times)
+    rising = float(np.mean(steps >= 0))
+    if rising < FEWEST_RISING or times.max() == times.min():
+        text = f"rise in {100 * rising:.0f} % of the rows, need {100 * FEWEST_RISING:.0f} %"
+        raise UnusableLog(f"{path}: the times in {name!r} {text}: name the column of times 'time'")
+    median = float(np.median(steps)) / 1e9
+    if median > 10.0:
+        text = f"are {median:.3g} s apart, need at most 10 s: say their unit in its name, as in 'time_ms'"
+        raise UnusableLog(f"{path}: the times in {name!r} {text}")
