@@ -8,9 +8,12 @@ M = [J e]' V^-1 [J e]
 
     -2 log L_R = (n - m) log RSS + log det(J' V^-1 J) + constant,   RSS = Schur complement of e in M
 
-For AR(p), given the first p samples of each block, M is the quadratic form sum_ij phi_i phi_j G_ij in
-phi = (1, -a) with G_ij the lagged products of the columns, computed once; objective and exact gradient
-then cost no pass over the data. Columns that only one record has ("local") are eliminated record by record.
+For AR(p), M is the quadratic form sum_ij phi_i phi_j D_ij in phi = (1, -a), with D_ij the lagged products
+sum_k x_(i+k) x_(j+k), k = 0 ... n - 1 - i - j (Box and Jenkins, appendix A7.4), computed once; it is exact
+for every block of at least 2 p samples, the first p of which count by their stationary covariance. That
+adds log det of the latter, once a block, of which the inverse is a quadratic form in phi too (Gohberg and
+Semencul). Objective and exact gradient then cost no pass over the data. Columns that only one record has
+("local") are eliminated record by record.
 """
 
 from __future__ import annotations
@@ -28,6 +31,8 @@ Array = NDArray[np.float64]
 
 HIGHEST_ORDER = 6
 PATIENCE = 2  # orders without a better criterion after which the search ends
+ENOUGH_ROWS = 0.9
+OUTSIDE = 1e12  # in place of -2 log L where the noise is not stationary
 RIDGE = 1e-9  # of each diagonal element of a Gram matrix
 ROUNDING = 1e-14
 RANK_TOLERANCE = 1e-6
@@ -38,7 +43,7 @@ LONGEST_CORRELATION = 500.0  # of the median sampling interval
 
 @dataclass(frozen=True)
 class _Products:
-    """Lagged products of the columns of several records alike in width, rows after the first p only.
+    """Lagged products of the columns of several records alike in width.
 
     lagged : (records, p + 1, p + 1, c, c)
     local : how many of the c columns are local
@@ -52,31 +57,32 @@ class _Products:
         return _Products(self.lagged[:, : order + 1, : order + 1], self.local)
 
 
-def _all_products(records: Sequence[Linearised], order: int) -> tuple[list[_Products], int]:
-    """Products of all records, those of one width together, and how many rows went into them."""
+def _all_products(records: Sequence[Linearised], order: int) -> tuple[list[_Products], int, int]:
+    """Products of all records, those of one width together; how many rows and blocks went into them."""
     by_width: dict[int, list[Array]] = {}
-    rows = 0
+    rows = blocks = 0
     for record in records:
         local = _basis(record.local)
-        lagged, count = _lagged(np.column_stack([local, record.shared, record.residual]), record, order)
-        by_width.setdefault(local.shape[1], []).append(lagged)
-        rows += count
-    return [_Products(np.stack(lagged), local) for local, lagged in by_width.items()], rows
+        columns = np.column_stack([local, record.shared, record.residual])
+        long_enough = [columns[begin:end] for begin, end in record.blocks() if end - begin > 2 * order]
+        by_width.setdefault(local.shape[1], []).append(_lagged(long_enough, order, columns.shape[1]))
+        rows += sum(len(block) for block in long_enough)
+        blocks += len(long_enough)
+    return [_Products(np.stack(lagged), local) for local, lagged in by_width.items()], rows, blocks
 
 
-def _lagged(columns: Array, record: Linearised, order: int) -> tuple[Array, int]:
-    width = columns.shape[1]
+def _lagged(blocks: Sequence[Array], order: int, width: int) -> Array:
+    """(p + 1, p + 1, c, c) sum of x_(i+k) x_(j+k) over k and the blocks."""
     lagged = np.zeros((order + 1, order + 1, width, width))
-    rows = 0
-    for begin, end in record.blocks():
-        block = columns[begin:end]
-        if len(block) <= order:
-            continue
-        rows += len(block) - order
-        stacked = np.column_stack([block[order - i : len(block) - i] for i in range(order + 1)])
-        product = stacked.T @ stacked
-        lagged += product.reshape(order + 1, width, order + 1, width).transpose(0, 2, 1, 3)
-    return lagged, rows
+    for block in blocks:
+        n = len(block)
+        for i in range(order + 1):
+            for j in range(i, order + 1):
+                product = block[i : n - j].T @ block[j : n - i]
+                lagged[i, j] += product
+                if i < j:
+                    lagged[j, i] += product.T
+    return lagged
 
 
 def _basis(local: Array) -> Array:
@@ -86,18 +92,56 @@ def _basis(local: Array) -> Array:
     return np.asarray(left[:, size > RANK_TOLERANCE * size.max(initial=0.0)])
 
 
+def _head_parts(order: int) -> Array:
+    """(p + 1, p + 1, p, p) E_ij of the inverse covariance sum_ij phi_i phi_j E_ij of p successive samples."""
+    parts = np.zeros((order + 1, order + 1, order, order))
+    below = [np.eye(order, k=-i) for i in range(order + 1)]
+    for i in range(order + 1):
+        for j in range(order + 1):
+            above = below[order - i] @ below[order - j].T if i and j else 0.0
+            parts[i, j] = (below[i] @ below[j].T if max(i, j) < order else 0.0) - above
+    return parts
+
+
+def _is_stationary(coefficients: Array) -> bool:
+    """Whether all partial correlations are below one, by the recursion of Levinson and Durbin."""
+    left = coefficients
+    while left.size:
+        last = left[-1]
+        if not abs(last) < 1:
+            return False
+        left = (left[:-1] + last * left[:-1][::-1]) / (1 - last**2)
+    return True
+
+
 class _RestrictedLikelihood:
     """-2 log of the restricted likelihood of AR(p) noise, and its gradient to the coefficients."""
 
-    def __init__(self, products: Sequence[_Products], rows: int, shared: int) -> None:
-        """Take the lagged products, which hold rows after the first p of each block only."""
+    def __init__(self, products: Sequence[_Products], rows: int, blocks: int) -> None:
+        """Take the lagged products, and of how many rows and blocks they are."""
         self.products = products
-        self.freedom = max(1, rows - shared - sum(p.local * len(p.lagged) for p in products))
+        self.blocks = blocks
+        self.shared = products[0].lagged.shape[-1] - products[0].local - 1
+        self.freedom = max(1, rows - self.shared - sum(p.local * len(p.lagged) for p in products))
+        self.head = _head_parts(products[0].lagged.shape[1] - 1)
 
     def __call__(self, coefficients: Array) -> tuple[float, Array]:
+        if not _is_stationary(coefficients):
+            return OUTSIDE, np.zeros(coefficients.size)
         phi = np.concatenate([[1.0], -coefficients])
+        own, change = self._of_heads(phi)
+        value, slope = self._given_heads(coefficients, phi)
+        return value + own, slope + change
+
+    def _of_heads(self, phi: Array) -> tuple[float, Array]:
+        """Log determinants of the covariances of the first samples of all blocks."""
+        inverse = np.einsum("i,j,ijab->ab", phi, phi, self.head)
+        by_phi = 2 * np.einsum("j,ijab,ba->i", phi, self.head[1:], np.linalg.inv(inverse))
+        return -self.blocks * float(np.linalg.slogdet(inverse)[1]), self.blocks * by_phi
+
+    def _given_heads(self, coefficients: Array, phi: Array) -> tuple[float, Array]:
         logdet, slope = 0.0, np.zeros(coefficients.size)
-        width = self.products[0].lagged.shape[-1] - self.products[0].local
+        width = self.shared + 1
         reduced, reduced_slopes = np.zeros((width, width)), np.zeros((coefficients.size, width, width))
         for product in self.products:
             matrix = np.einsum("i,j,rijab->rab", phi, phi, product.lagged, optimize=True)
@@ -156,7 +200,7 @@ def fit_autoregression(
 ) -> AutoRegression:
     """AR(p) of the noise under a fit, its order by the Bayesian information criterion.
 
-    All orders are compared on the same rows. Blocks too short to give rows lower the highest order.
+    All orders are compared on the same rows. Blocks shorter than twice the order lower the highest one.
 
     Parameters
     ----------
@@ -166,12 +210,11 @@ def fit_autoregression(
     if isinstance(like, AutoRegression):
         return _refitted(records, like)
     highest = _affordable_order(records, highest_order)
-    products, rows = _all_products(records, highest)
+    products, rows, blocks = _all_products(records, highest)
     best = start = np.zeros(0)
     best_criterion = np.inf
     for order in range(highest + 1):
-        cut = [product.cut(order) for product in products]
-        objective = _RestrictedLikelihood(cut, rows, records[0].shared.shape[1])
+        objective = _RestrictedLikelihood([product.cut(order) for product in products], rows, blocks)
         start, value = _minimised(objective, np.append(start, 0.0) if order else start)
         criterion = value + order * np.log(max(rows, 2))
         if criterion < best_criterion:
@@ -182,24 +225,24 @@ def fit_autoregression(
 
 
 def _refitted(records: Sequence[Linearised], like: AutoRegression) -> AutoRegression:
-    products, rows = _all_products(records, like.coefficients.size)
-    objective = _RestrictedLikelihood(products, rows, records[0].shared.shape[1])
+    objective = _RestrictedLikelihood(*_all_products(records, like.coefficients.size))
     return AutoRegression(_minimised(objective, like.coefficients)[0]).made_stationary()
 
 
 def _minimised(objective: _RestrictedLikelihood, start: Array) -> tuple[Array, float]:
     if start.size == 0:
         return start, objective(start)[0]
-    with np.errstate(all="ignore"):  # the line search may try poles far outside
+    with np.errstate(all="ignore"):  # the line search may try poles at the border
         found = minimize(objective, start, jac=True, method="BFGS", options={"gtol": FLAT})
     return np.asarray(found.x, dtype=np.float64), float(found.fun)
 
 
 def _affordable_order(records: Sequence[Linearised], highest: int) -> int:
-    """Largest order that still leaves 90 % of the rows after dropping the head of each block."""
-    rows = sum(len(record.residual) for record in records)
-    blocks = sum(len(record.starts) for record in records)
-    return int(max(0, min(highest, 0.1 * rows // max(blocks, 1))))
+    """Largest order for which at least 90 % of the rows lie in blocks that are long enough."""
+    lengths = np.array([end - begin for record in records for begin, end in record.blocks()])
+    rows = int(lengths.sum())
+    orders = range(1, min(highest, rows // 10) + 1)
+    return max((p for p in orders if lengths[lengths > 2 * p].sum() >= ENOUGH_ROWS * rows), default=0)
 
 
 def fit_continuous_ar1(records: Sequence[Linearised], like: NoiseShape | None = None) -> ContinuousAr1:
@@ -229,5 +272,4 @@ def _continuous_objective(records: Sequence[Linearised], correlation_time: float
         correlation[record.starts[1:] - 1] = 0.0
         logdet += float(np.log1p(-(correlation**2)).sum())
         rows += len(record.residual)
-    objective = _RestrictedLikelihood(products, rows, records[0].shared.shape[1])
-    return objective(np.zeros(0))[0] + logdet
+    return _RestrictedLikelihood(products, rows, 0)(np.zeros(0))[0] + logdet
