@@ -79,7 +79,11 @@ def _nearly(one: Found) -> bool:
 
 
 def _cores(times: Array, values: Array) -> list[tuple[int, int, int]]:
-    """(first extreme, last extreme, half periods) wherever half periods and swings are alike."""
+    """(first extreme, last extreme, half periods) wherever half periods and swings are alike.
+
+    A pause to the next sine may by chance be as long as a half period: every core is given without its first
+    and without its last extreme too, which are tried where the whole is no sine.
+    """
     span = float(np.ptp(values)) if values.size else 0.0
     if span == 0:
         return []
@@ -99,6 +103,9 @@ def _cores(times: Array, values: Array) -> list[tuple[int, int, int]]:
         ):
             continue
         cores.append((int(extremes[begin]), int(extremes[i]), i - begin))
+        if i - begin > 2:
+            cores.append((int(extremes[begin]), int(extremes[i - 1]), i - begin - 1))
+            cores.append((int(extremes[begin + 1]), int(extremes[i]), i - begin - 1))
         begin = i
     return cores
 

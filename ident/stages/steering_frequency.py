@@ -38,7 +38,7 @@ USE = "frequency_response"
 BROADBAND_SHARE = 0.5  # of a part's length that is no sine, from which its sines are pieces of a chirp
 CURVE_POINTS = 121
 DRAWN = 4.0
-NEXT_TO = 2  # commands at most between two pieces of one part
+NEXT_TO = 0.6  # [s] at most between two pieces of one part; shorter ones than 0.5 s are no experiments
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def _together(found: Sequence[Found]) -> list[list[int]]:
     for index, one in enumerate(found):
         if one.kind in ("step", "pulse"):
             continue
-        touches = groups and groups[-1][-1] == index - 1 and one.begin - found[index - 1].end <= NEXT_TO
+        touches = groups and groups[-1][-1] == index - 1 and one.start - found[index - 1].end_time <= NEXT_TO
         if touches:
             groups[-1].append(index)
         else:
