@@ -271,7 +271,7 @@ def fit_output_error(
         renewed = identify_noise(state.records, state.shape if number >= FREE_ROUNDS else None)
         settled = renewed.close_to(state.shape)
         state.shape = renewed
-        std = _innovation_std(state, start.size)
+        std = _innovation_std(state, start.size, reduced)
         settled = settled and abs(std - state.std) < 1e-3 * std
         state.std = std
         if settled:
@@ -294,7 +294,7 @@ def fit_least_squares(problem: Problem, shared: Array, local: Sequence[Array]) -
     state = _State(start, locals_now, problem.linearise(start, locals_now), WHITE, 1.0)
     state.std = _innovation_std(state, start.size)
     state, triangle, reduced, converged = _gauss_newton(problem, state)
-    state.std = _innovation_std(state, start.size)
+    state.std = _innovation_std(state, start.size, reduced)
     inverse = np.linalg.pinv(triangle, rcond=1e-14)
     bread = inverse @ inverse.T
     return _fit(state, reduced, bread @ _meat(state.records) @ bread, converged=converged)
@@ -337,9 +337,10 @@ def _correlation_length(residual: Array) -> int:
     return int(below[0]) if below.size else centred.size
 
 
-def _innovation_std(state: _State, shared: int) -> float:
-    """Standard deviation of the innovations, freed of the parameters fitted."""
+def _innovation_std(state: _State, shared: int, reduced: Sequence[_Reduced] | None = None) -> float:
+    """Standard deviation of the innovations, freed of the parameters fitted; all locals where not reduced."""
     total = sum(float(np.square(state.shape.whiten(r.residual[:, None], r)).sum()) for r in state.records)
     rows = sum(len(r.residual) for r in state.records)
-    local = sum(int((~np.isfinite(r.prior)).sum()) for r in state.records)
-    return float(np.sqrt(total / max(1, rows - local - shared)))
+    ranks = [len(r.prior) for r in state.records] if reduced is None else [one.rank for one in reduced]
+    known = sum(int(np.isfinite(r.prior).sum()) for r in state.records)
+    return float(np.sqrt(total / max(1, rows - sum(ranks) + known - shared)))
