@@ -13,7 +13,7 @@ from generator.actuator import WheelState, held_response
 from generator.steering import SteeringSignals
 from generator.truth import Actuator, Channel, Steering
 from numpy.typing import NDArray
-from scipy.linalg import solve_toeplitz
+from scipy.linalg import solve_toeplitz, solve_triangular, toeplitz
 from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
@@ -36,12 +36,15 @@ def autocovariance(channel: Channel, lags: int) -> Array:
 
 
 def whitened(columns: Array, channel: Channel) -> Array:
-    """Columns filtered so that the channel's noise has variance one, without the first ORDER rows."""
+    """Columns filtered so that the channel's noise is white with variance one."""
     covariance = autocovariance(channel, ORDER)
     coefficients = solve_toeplitz(covariance[:-1], covariance[1:])
     variance = covariance[0] - coefficients @ covariance[1:]
     taps = np.concatenate([[1.0], -coefficients])
-    return lfilter(taps, [1.0], columns, axis=0)[ORDER:] / np.sqrt(variance)
+    white = lfilter(taps, [1.0], columns, axis=0) / np.sqrt(variance)
+    start = np.linalg.cholesky(toeplitz(covariance[:ORDER]))
+    white[:ORDER] = solve_triangular(start, columns[:ORDER], lower=True)
+    return white
 
 
 def derivatives(signals: SteeringSignals, actuator: Actuator) -> Array:
