@@ -93,8 +93,10 @@ def one_set(task: tuple[str, float, int]) -> dict[str, object]:
 def likelihood_table(kept: list[dict[str, object]]) -> str:
     """Spread over bound, bias over spread and coverage, a row each cell and parameter."""
     lines = [
-        f"{'noise':6}{'size':>7}{'n':>6}  {'parameter':16}"
-        f"{'spread/bound':>13}{'bias/std':>10}{'95 % cover':>11}"
+        (
+            f"{'noise':6}{'size':>7}{'n':>6}  {'parameter':16}"
+            f"{'spread/bound':>13}{'bias/std':>10}{'95 % cover':>11}"
+        )
     ]
     for colour, share in CELLS:
         own = [one for one in kept if one["cell"] == [colour, share]]
