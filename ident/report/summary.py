@@ -16,7 +16,7 @@ from ident.report.numbers import (
     unit_text,
 )
 from ident.report.steering_parameters import CLASSES, PARAMETERS, SHORT_METHODS, STATUS, of_model
-from ident.results import Experiment, SteeringModel, SteeringResult
+from ident.results import Bandwidth, Experiment, SteeringModel, SteeringResult
 
 MOST_LINES = 8
 """Refusals and warnings beyond these are counted."""
@@ -31,7 +31,8 @@ def describe_steering(result: SteeringResult) -> str:
     """
     lines = ["adequate" if result.adequate else "NOT adequate", f"  {plain(result.verdict)}", ""]
     lines += parameter_lines(result.model)
-    lines += ["", *_fit_lines(result), *experiment_lines(result.experiments)]
+    lines += ["", *_fit_lines(result), *_bandwidth_lines(result.bandwidth)]
+    lines += experiment_lines(result.experiments)
     lines += _limited("refused", [f"{refusal.what}: {refusal.reason}" for refusal in result.refused])
     lines += _limited("warning", result.warnings)
     if result.next_step:
@@ -69,6 +70,15 @@ def _fit_lines(result: SteeringResult) -> list[str]:
     used = sum(fit.used for fit in result.by_run)
     runs = f"runs: {used}, {count(result.samples, 'sample')}; same model in all of them: {agree}"
     return [response, f"{fit}, {noise}", runs]
+
+
+def _bandwidth_lines(bandwidth: Bandwidth | None) -> list[str]:
+    if bandwidth is None:
+        return []
+    one = bandwidth.bode
+    said = {True: "agrees with", False: "contradicts", None: "not compared with"}[bandwidth.overlap]
+    value = f"bandwidth: {estimate_value(one)} ({estimate_interval(one)}) {unit_text(one.unit)}"
+    return [f"{value}, {said} the measured response", f"  {plain(bandwidth.reason)}"]
 
 
 def experiment_lines(experiments: Sequence[Experiment]) -> list[str]:

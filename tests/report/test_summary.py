@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from ident.report.summary import describe_steering, experiment_lines, parameter_lines
-from ident.results import Estimate, Experiment, Refusal
+from ident.results import Bandwidth, Cutoff, Estimate, Experiment, Refusal
 
 
 def test_says_verdict_parameters_fit_and_what_to_do_next(steering_case):
@@ -77,3 +77,15 @@ def test_gives_the_commonest_reasons_for_leaving_out():
         "  left out 2×: too short",
         "  left out 1×: not settled",
     ]
+
+
+@pytest.mark.parametrize(
+    ("overlap", "said"), [(True, "agrees with"), (False, "contradicts"), (None, "not compared with")]
+)
+def test_the_bandwidth_stands_with_its_interval_and_its_check(steering_case, overlap, said):
+    bode = Estimate(3.518, 0.02, 3.478, 3.558, "rad/s")
+    check = Bandwidth(bode, bode, Cutoff(3.0, 5.0, "rad/s"), overlap, "because of\x1b[31m this")
+    lines = describe_steering(replace(steering_case[0], bandwidth=check)).splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("bandwidth: "))
+    assert lines[at] == f"bandwidth: 3.518 (3.478 … 3.558) rad/s, {said} the measured response"
+    assert lines[at + 1] == "  because of\N{REPLACEMENT CHARACTER}[31m this"
