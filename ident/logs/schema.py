@@ -178,10 +178,9 @@ def _completed(root: str, types: dict[str, list[Member]], *, ros1: bool) -> Sche
 
 
 def _members(found: Sequence[tuple[str, tuple[Any, Any]]], *, ros1: bool) -> list[Member]:
-    # ROS 1 writes nothing for a type without fields, ROS 2 one byte.
-    return [
-        Member(name, _kind(desc, ros1=ros1)) for name, desc in found if not (ros1 and name == EMPTY_STRUCT)
-    ]
+    """Fields of a type; for one without any ROS 2 writes a byte, ROS 1 nothing."""
+    members = [Member(name, _kind(desc, ros1=ros1)) for name, desc in found if name != EMPTY_STRUCT]
+    return members if members or ros1 else [Member(EMPTY_STRUCT, Number("uint8"))]
 
 
 def _kind(desc: tuple[Any, Any], *, ros1: bool) -> Kind:
