@@ -15,14 +15,21 @@ from numpy.typing import NDArray
 
 from ident.errors import NotIdentifiable
 from ident.estimation.actuator_fit import ActuatorFit, fit_actuator, fit_roughly
-from ident.estimation.actuator_likelihood import BIAS, DEAD_TIME, ActuatorRecord, without_unknown_head
+from ident.estimation.actuator_likelihood import (
+    BIAS,
+    DEAD_TIME,
+    DEAD_TIME_RANGE,
+    GAIN,
+    ActuatorRecord,
+    without_unknown_head,
+)
 
 Array = NDArray[np.float64]
 
 FIRST_DEAD_TIME = 1.0  # [s] assumed at most, before anything is known
 MARGIN = 0.02  # [s] on the dead time in the second pass
 FEWEST_SAMPLES = 10
-HIDDEN = 3.0  # prior standard deviations
+CERTAIN = 3.0  # standard deviations beyond which something is certain
 SHIFT = 3  # place of the early start among the local parameters
 POOR_VAF = 0.5  # explained by a run's own fit: the request was hardly acted on
 FAIR_VAF = 0.9  # below this a run is left out where the rest is smooth and another run is good
@@ -30,6 +37,8 @@ GOOD_VAF = 0.95
 SMOOTH = 0.1  # root mean square of second differences over that of the residual; AR(1) of 0.9 has 0.26
 LARGEST_GAIN_ERROR = 0.2  # relative; a gain less certain than that is no answer to the request
 SMALLEST_VAF = 0.05
+NO_ANSWER = 0.5  # of the gain of the other runs
+AT_THE_END = 1e-3  # [s]
 
 
 @dataclass(frozen=True)
@@ -84,18 +93,32 @@ def identify_runs(
         If the measured angle does not follow the request in the runs together.
     """
     total = len(runs) + 1
-    common, places, hidden = fit_together(runs)
+    together, trouble = _fit_if_possible(runs)
     progress(1, total)
     alone = {}
     for number, run in enumerate(runs):
-        alone[run.name] = common if len(runs) == 1 else _alone(run, common)
+        common = together[0] if together else None
+        alone[run.name] = common if common and len(runs) == 1 else _alone(run, common)
         progress(number + 2, total)
     excluded = _foreign(alone)
     kept = [run for run in runs if run.name not in excluded]
     if excluded:
-        common, places, hidden = fit_together(kept)
+        together = fit_together(kept)
+    if together is None:
+        raise NotIdentifiable(trouble)
+    common, places, hidden = together
     _refuse_no_answer(common)
     return RunsFit(common, [run.name for run in kept], places, alone, excluded, hidden)
+
+
+def _fit_if_possible(
+    runs: Sequence[RunRecords],
+) -> tuple[tuple[ActuatorFit, list[tuple[str, int]], list[HiddenStart]] | None, str]:
+    """The common fit, or None and why there is none: one run may spoil it for the others."""
+    try:
+        return fit_together(runs), ""
+    except NotIdentifiable as error:
+        return None, str(error)
 
 
 def fit_together(
@@ -158,13 +181,15 @@ def _hidden(fit: ActuatorFit, places: Sequence[tuple[str, int]]) -> list[HiddenS
     return [
         HiddenStart(*places[number], _early(fit, number))
         for number, record in enumerate(fit.records)
-        if abs(_early(fit, number)) > HIDDEN * record.start_uncertainty > 0
+        if abs(_early(fit, number)) > CERTAIN * record.start_uncertainty > 0
     ]
 
 
-def _alone(run: RunRecords, common: ActuatorFit) -> ActuatorFit | str:
-    """Fit one run, beginning with the common model."""
+def _alone(run: RunRecords, common: ActuatorFit | None) -> ActuatorFit | str:
+    """Fit one run, beginning with the common model where there is one."""
     try:
+        if common is None:
+            return fit_together([run])[0]
         records, _ = _usable([run], _longest_dead_time(common))
         start = None if common.misfit else np.append(common.fit.shared[:BIAS], 0.0)
         fit = fit_actuator(records, start=start, jitter=run.jitter, shape=common.fit.noise.shape)
@@ -176,17 +201,33 @@ def _alone(run: RunRecords, common: ActuatorFit) -> ActuatorFit | str:
 
 
 def _foreign(alone: Mapping[str, ActuatorFit | str]) -> dict[str, str]:
-    """Runs that no linear actuator describes while it describes another one well."""
+    """Runs that no linear actuator describes while it describes another one well, and why."""
     fits = {name: fit for name, fit in alone.items() if isinstance(fit, ActuatorFit)}
-    if not any(fit.vaf >= GOOD_VAF for fit in fits.values()):
+    good = [_gain(fit)[0] for fit in fits.values() if fit.vaf >= GOOD_VAF and _gain(fit)[0] > 0]
+    if not good:
         return {}
-    return {name: _why_foreign(fit) for name, fit in fits.items() if fit.vaf < FAIR_VAF and is_smooth(fit)}
+    reasons = {name: _why_foreign(fit, float(np.median(good))) for name, fit in fits.items()}
+    reasons |= {name: fit for name, fit in alone.items() if isinstance(fit, str)}
+    return {name: reason for name, reason in reasons.items() if reason}
 
 
-def _why_foreign(fit: ActuatorFit) -> str:
+def _gain(fit: ActuatorFit) -> tuple[float, float]:
+    """Gain and its standard error."""
+    return float(fit.fit.shared[GAIN]), float(np.sqrt(fit.fit.covariance[GAIN, GAIN]))
+
+
+def _why_foreign(fit: ActuatorFit, usual: float) -> str | None:
+    """Say why a run does not belong to those whose gain is ``usual``, None where it does."""
+    gain, std = _gain(fit)
     share = f"{100 * max(fit.vaf, 0):.0f} % of the measured angle"
-    told = f"no linear model follows it: its own best fit explains {share}"
-    return f"{told}; was the request acted on?" if fit.vaf < POOR_VAF else told
+    if gain + CERTAIN * std < 0 and fit.vaf >= FAIR_VAF:
+        return f"its angle turns against its request (gain {gain:.3g}): one of the two has the wrong sign"
+    if fit.vaf < POOR_VAF and gain + CERTAIN * std < NO_ANSWER * usual:
+        return f"no answer to its request: gain {gain:.2g} ± {std:.1g}, other runs have {usual:.3g}"
+    if fit.vaf < FAIR_VAF and is_smooth(fit):
+        told = f"no linear model follows it: its own best fit explains {share}"
+        return f"{told}; was the request acted on?" if fit.vaf < POOR_VAF else told
+    return None
 
 
 def is_smooth(fit: ActuatorFit) -> bool:
@@ -206,8 +247,8 @@ def _longest_hold(records: Sequence[ActuatorRecord]) -> float:
 
 
 def _refuse_no_answer(fit: ActuatorFit) -> None:
-    gain = float(fit.fit.shared[0])
-    std = float(np.sqrt(fit.fit.covariance[0, 0]))
+    gain, std = _gain(fit)
+    dead_time = float(fit.fit.shared[DEAD_TIME])
     if std > LARGEST_GAIN_ERROR * abs(gain) and fit.vaf > POOR_VAF:
         raise NotIdentifiable(
             f"the answers never settle: gain {gain:.3g} ± {std:.2g}, need it to 20 %; the request is held "
@@ -218,4 +259,10 @@ def _refuse_no_answer(fit: ActuatorFit) -> None:
             f"the measured angle does not follow the request: gain {gain:.3g} ± {std:.2g}, "
             f"{100 * max(fit.vaf, 0):.0f} % of the measured angle explained, need a gain known to 20 %: "
             "check that the request was acted on, and drive larger steps"
+        )
+    if min(abs(dead_time - end) for end in DEAD_TIME_RANGE) < AT_THE_END:
+        low, high = DEAD_TIME_RANGE
+        raise NotIdentifiable(
+            f"the dead time reaches {dead_time:.2f} s, the end of what is searched ({low:g} to {high:g} s): "
+            "request and measured angle are stamped by different clocks; state align.latency of one of them"
         )

@@ -102,7 +102,9 @@ def judge(fit: RunsFit, model: SteeringModel, shape: Classification) -> Judgemen
 
 def _own_vaf(fit: RunsFit, name: str) -> float:
     alone = fit.alone[name]
-    return alone.vaf if isinstance(alone, ActuatorFit) else 0.0
+    if isinstance(alone, ActuatorFit) and alone.fit.shared[0] > 0:
+        return alone.vaf
+    return 0.0
 
 
 def _ranges(fits: Sequence[ActuatorFit]) -> str:

@@ -91,7 +91,10 @@ def steering_run(run: Run, pair: Pair) -> SteeringRun | str:
     if not stretches:
         return "request and measured angle never overlap while the request is followed"
     experiments = [find_experiments(stretch) for stretch in stretches]
-    return SteeringRun(run.name, request, measured, stretches, experiments)
+    found = SteeringRun(run.name, request, measured, stretches, experiments)
+    if found.excited and all(np.ptp(stretch.measured) == 0 for stretch in stretches):
+        return f"the measured angle stays at {stretches[0].measured[0]:.4g} rad while the request changes"
+    return found
 
 
 def why_not_excited(run: SteeringRun) -> str:
