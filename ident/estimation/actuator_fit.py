@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 THINNED_SAMPLES = 3000
 THINNED_RECORDS = 24
-DEAD_TIMES = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.27, 0.35, 0.45, 0.57, 0.75, 1.0)
+DEAD_TIMES = (-0.12, 0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.27, 0.35, 0.45, 0.57, 0.75, 1.0)
 SUMS = tuple(np.geomspace(0.02, 3.0, 10).tolist())
 RATIOS = (0.02, 0.2, 0.8)
 OPPOSITE = 0.5  # sum of squares with a negative gain over that with a positive one: a wrong sign
@@ -111,14 +111,31 @@ def search_start(records: Sequence[ActuatorRecord]) -> Array:
     shapes = [[shared for shared in following if shared[RATIO] == ratio] for ratio in RATIOS]
     corners = [ordered[0] for ordered in shapes if ordered]  # one a shape: they lie in different valleys
     best_score, best = scored[0]
-    rest = min((score for score, shared in scored if shared[GAIN] > 0), default=np.inf)
-    if not corners or (best[GAIN] < 0 and best_score < OPPOSITE * rest):
+    rest = min(_spread(problem.records), *(score for score, shared in scored if shared[GAIN] > 0), np.inf)
+    if best[GAIN] < 0 and best_score < OPPOSITE * rest and _stays_opposite(problem, best, corners):
         raise NotIdentifiable(
             f"the measured angle turns against its request (gain {best[GAIN]:.3g}): one of the two has the "
             "wrong sign; check both against a turn to the left, which is positive"
         )
+    if not corners:
+        raise NotIdentifiable(
+            f"the measured angle does not follow the request: the best gain is {best[GAIN]:.3g}, need one "
+            "above zero: check that the request was acted on"
+        )
     fits = [fit_output_error(problem, c, problem.start(c), identify_noise=_white) for c in corners]
     return min(fits, key=lambda fit: fit.white_sum).shared
+
+
+def _stays_opposite(problem: ActuatorProblem, best: Array, corners: Sequence[Array]) -> bool:
+    """Whether a negative gain is still the better fit once both are refined, off the grid.
+
+    The answer to a fast square wave looks like its opposite half a period later: only the exact dead time and
+    lags tell which it is.
+    """
+    fits = [fit_output_error(problem, c, problem.start(c), identify_noise=_white) for c in (best, *corners)]
+    opposite = min((fit.white_sum for fit in fits if fit.shared[GAIN] < 0), default=np.inf)
+    following = min((fit.white_sum for fit in fits if fit.shared[GAIN] >= 0), default=np.inf)
+    return bool(opposite < OPPOSITE * following)
 
 
 def _white(records: Sequence[Linearised], like: NoiseShape | None) -> AutoRegression:
@@ -178,9 +195,14 @@ def fit_roughly(records: Sequence[ActuatorRecord], *, start: Array | None = None
 
 def _scored(fit: Fit, records: Sequence[ActuatorRecord], *, misfit: bool = False) -> ActuatorFit:
     residual = np.concatenate(fit.residuals)
-    spread = sum(float(np.square(r.measured - r.measured.mean()).sum()) for r in records)
+    spread = _spread(records)
     vaf = 1.0 - float(residual @ residual) / spread if spread > 0 else 0.0
     return ActuatorFit(fit, list(records), vaf, float(np.sqrt(np.mean(residual**2))), misfit)
+
+
+def _spread(records: Sequence[ActuatorRecord]) -> float:
+    """Sum of squares of the measured angles about the mean of each record."""
+    return sum(float(np.square(r.measured - r.measured.mean()).sum()) for r in records)
 
 
 def steering_model(fit: Fit) -> SteeringModel:

@@ -193,7 +193,7 @@ def _alone(run: RunRecords, common: ActuatorFit | None) -> ActuatorFit | str:
         records, _ = _usable([run], _longest_dead_time(common))
         start = None if common.misfit else np.append(common.fit.shared[:BIAS], 0.0)
         fit = fit_actuator(records, start=start, jitter=run.jitter, shape=common.fit.noise.shape)
-        if start is not None and fit.misfit:
+        if start is not None and fit.vaf < GOOD_VAF:
             fit = max(fit, fit_actuator(records, jitter=run.jitter), key=lambda one: one.vaf)
     except NotIdentifiable as error:
         return str(error)
