@@ -2,7 +2,7 @@
 
     python sample_logs/generate.py [--out DIR] [--seed N] [--only NAME ...]
 
-Writes one rosbag2 folder a run beside this file (or into DIR). The same seed gives the same bytes.
+Writes one rosbag2 folder or file a run beside this program (or into DIR). The same seed gives the same bytes.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import argparse
 import time
 from pathlib import Path
 
+from generator.containers import CONTAINERS, generate_containers
 from generator.runs import DEFAULT_SEED, RUNS, generate
 from generator.truth import DEFAULT_FOLDER, load_truth
 
@@ -24,13 +25,19 @@ def main() -> None:
         "--out", type=Path, default=Path(__file__).resolve().parent, help="folder to write to"
     )
     parser.add_argument("--seed", type=int, default=DEFAULT_SEED, help="seed of everything random")
-    parser.add_argument("--only", nargs="+", choices=list(RUNS), metavar="NAME", help=f"of {', '.join(RUNS)}")
+    names = [*RUNS, *CONTAINERS]
+    parser.add_argument("--only", nargs="+", choices=names, metavar="NAME", help=f"of {', '.join(names)}")
     parser.add_argument("--truth", type=Path, default=DEFAULT_FOLDER, help="folder of the true values")
     options = parser.parse_args()
     began = time.monotonic()
-    for folder in generate(options.out, load_truth(options.truth), options.seed, options.only):
-        size = sum(file.stat().st_size for file in folder.iterdir())
-        print(f"{folder}  {size / 1e6:.2f} MB")
+    chosen = options.only or names
+    truth = load_truth(options.truth)
+    written = generate(options.out, truth, options.seed, [name for name in chosen if name in RUNS])
+    others = [name for name in chosen if name in CONTAINERS]
+    written += generate_containers(options.out, truth, options.seed, others)
+    for path in written:
+        size = sum(file.stat().st_size for file in (path.iterdir() if path.is_dir() else [path]))
+        print(f"{path}  {size / 1e6:.2f} MB")
     print(f"{time.monotonic() - began:.1f} s")
 
 

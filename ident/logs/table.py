@@ -4,8 +4,8 @@ The column of times is the first of these that is there, whatever its case: ``ti
 ``stamp``, ``t``, ``log_time``, ``seconds``, ``sec`` (together with ``nanosec`` or ``nsec``, if there is one).
 Its unit stands behind the name (``time_ms``, ``time [ms]``, ``t (us)``: s, ms, us, µs or ns). Without one,
 times since 1970 are told by their size (in ms, µs and ns they lie above 1e11, 1e14 and 1e17), and all else is
-seconds. Rows more than 10 s apart show a wrong unit and are refused, as are times that do not rise; dates are
-read as UTC. A row without a time, or with too few or too many cells, is lost and counted.
+seconds. Rows more than 10 s apart show a wrong unit and are refused, as are times that do not rise; dates
+(ISO 8601) are read as UTC. A row without a time, or with too few or too many cells, is lost and counted.
 """
 
 from __future__ import annotations
@@ -193,14 +193,12 @@ def _scaled(column: pd.Series, name: str, unit: float | None) -> tuple[Times, li
 
 def _dates(column: pd.Series, name: str, path: Path) -> tuple[Times, list[str], NDArray[np.bool_]]:
     try:
-        found = pd.to_datetime(column, utc=True, errors="coerce")
+        found = pd.to_datetime(column, utc=True, errors="coerce", format="ISO8601")
     except (ValueError, TypeError, OverflowError) as error:
         raise UnusableLog(f"{path}: the times in {name!r} cannot be read ({error})") from error
     good = found.notna().to_numpy(dtype=np.bool_)
     if not good.any():
-        raise UnusableLog(
-            f"{path}: column {name!r} holds no times, such as {str(column.iloc[:1].tolist())[:60]}"
-        )
+        raise UnusableLog(f"{path}: column {name!r} holds neither numbers nor dates as in ISO 8601")
     times = found.to_numpy(dtype="datetime64[ns]").astype(np.int64)
     return times, [name], good
 

@@ -148,7 +148,7 @@ def write_run(folder: Path, storage: Storage, start: int, topics: Sequence[Topic
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     with writer:
         connections = [writer.add_connection(t.name, KINDS[t.kind][0], typestore=TYPES) for t in topics]
-        serialised = [_serialise(topic, start) for topic in topics]
+        serialised = [serialise(topic, start) for topic in topics]
         order = sorted(
             (int(at), i, k) for i, topic in enumerate(topics) for k, at in enumerate(topic.arrivals)
         )
@@ -156,7 +156,8 @@ def write_run(folder: Path, storage: Storage, start: int, topics: Sequence[Topic
             writer.write(connections[i], start + arrived, serialised[i][k])
 
 
-def _serialise(topic: Topic, start: int) -> list[Any]:
+def serialise(topic: Topic, start: int) -> list[Any]:
+    """Serialise all messages of a topic as ROS 2 does."""
     message_type, frame, build = KINDS[topic.kind]
     rows = zip(topic.stamps.tolist(), *(column.tolist() for column in topic.columns), strict=True)
     return [

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.base import normalize_fieldname
@@ -164,6 +165,19 @@ def test_messages_outside_the_range_that_the_metadata_state_are_read(name):
     log = open_log(FORMATS / "rosbag2" / name)
     assert len(log.times("/rosout")) == len(log.times("/topic")) == 10
     assert len(log.columns("/topic", []).log_time) == 10
+
+
+@pytest.mark.parametrize("name", ["steering_mcap", "steering_dds"])
+def test_every_number_of_the_sample_logs_in_mcap_lies_where_its_layout_says(name):
+    """The last double of an angle message is the angle, whatever stands before it."""
+    path = ROOT / "sample_logs" / f"{name}.mcap"
+    with path.open("rb") as file:
+        messages = [m for _, _, m in make_reader(file).iter_messages(topics=["/vehicle/steering_wheel"])]
+    columns = open_log(path).columns("/vehicle/steering_wheel", ["angle"])
+    assert len(messages) > 3000
+    np.testing.assert_array_equal(columns.log_time, [m.log_time for m in messages])
+    expected = [struct.unpack("<d", m.data[-8:])[0] for m in messages]
+    np.testing.assert_array_equal(columns.values["angle"], expected)
 
 
 @needs_formats

@@ -1,0 +1,87 @@
+"""CSV and Parquet files: times, units, refusals."""
+
+import pandas as pd
+import pytest
+
+from ident.errors import UnusableLog
+from ident.logs import FieldError, open_log
+
+
+def table(tmp_path, text):
+    path = tmp_path / "run.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("head", "first", "second", "expected"),
+    [
+        ("time", "0.5", "0.75", [500_000_000, 750_000_000]),
+        ("t_ms", "500", "750", [500_000_000, 750_000_000]),
+        ("Time [us]", "500", "750", [500_000, 750_000]),
+        (
+            "timestamp",
+            "1700000000000000001",
+            "1700000000000000003",
+            [1700000000000000001, 1700000000000000003],
+        ),
+        ("timestamp", "1700000000001", "1700000000002", [1700000000001000000, 1700000000002000000]),
+        ("stamp", "2024-01-01 00:00:00.5", "2024-01-01 00:00:01", [1704067200500000000, 1704067201000000000]),
+    ],
+)
+def test_times_are_found_with_their_unit(tmp_path, head, first, second, expected):
+    log = open_log(table(tmp_path, f"{head},angle\n{first},1.5\n{second},0.1\n"))
+    assert log.times("/run").tolist() == expected
+    columns = log.columns("/run", ["angle"])
+    assert columns.values["angle"].tolist() == [1.5, 0.1]  # noqa: PD011 no frame of pandas
+    assert (columns.header_stamp, log.damage) == (None, [])
+
+
+def test_seconds_and_nanoseconds_go_together(tmp_path):
+    log = open_log(table(tmp_path, "sec;nanosec;a\n1700000000;5;1\n1700000001;7;2\n"))
+    assert log.times("/run").tolist() == [1700000000000000005, 1700000001000000007]
+    assert log.fields("/run") == {"a": "float64"}
+
+
+def test_rows_that_are_cut_or_without_time_are_counted(tmp_path):
+    log = open_log(table(tmp_path, "t,a,b\n0,1,2\n1,x,3\n2,3\n,4,5\n3,6,7\n"))
+    assert log.times("/run").tolist() == [0, 10**9, 3 * 10**9]
+    values = log.columns("/run", ["a"]).values["a"]  # noqa: PD011 no frame of pandas
+    assert (values[0], values[2]) == (1.0, 6.0)
+    assert values[1] != values[1]
+    assert sorted(
+        (item.what.split(": ")[1].split(" that")[0], item.messages_lost) for item in log.damage
+    ) == [
+        ("rows", 1),
+        ("rows without a time", 1),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("a,b\n1,2\n", "no column of times among 'a', 'b'"),
+        ("time,b\n5,1\n4,2\n3,3\n", "rise in 0 % of the rows"),
+        ("time,b\n1,1\n", "1 rows with a time, need at least 2"),
+        ("time,b\n0,1\n20,2\n40,2\n", "are 20 s apart, need at most 10 s"),
+        ("hello\nworld\n", "no table"),
+        ("time,b\nx,1\ny,2\n", "holds neither numbers nor dates"),
+    ],
+)
+def test_what_gives_no_times_is_refused_in_one_line(tmp_path, text, reason):
+    with pytest.raises(UnusableLog, match=reason) as caught:
+        open_log(table(tmp_path, text))
+    assert "\n" not in str(caught.value)
+
+
+def test_parquet_holds_the_same(tmp_path):
+    path = tmp_path / "run.parquet"
+    frame = pd.DataFrame({"time": [0.0, 0.1], "angle": [0.25, 0.5], "name": ["a", "b"]})
+    frame.to_parquet(path)
+    log = open_log(path)
+    assert (log.format, list(log.fields("/run"))) == ("parquet", ["angle"])
+    with pytest.raises(FieldError, match="did you mean 'angle'"):
+        log.columns("/run", ["angel"])
+    path.write_bytes(path.read_bytes()[:60])
+    with pytest.raises(UnusableLog, match="Parquet file that cannot be read"):
+        open_log(path)
