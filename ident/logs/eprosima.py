@@ -9,6 +9,7 @@ says which of them served. Topics and types of ROS 2 get their ROS names: ``rt/c
 
 from __future__ import annotations
 
+import re
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -26,6 +27,8 @@ from ident.logs.schema import Schema, normal, standard_schema
 from ident.logs.sqlite_file import Row, SqliteFile, walk_rows
 from ident.logs.type_object import TypeObjects, read_type_objects
 from ident.results import Damage
+
+_TIME = re.compile(r"\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d(\.\d{1,9})?")
 
 
 class EprosimaStorage:
@@ -136,7 +139,9 @@ def _read_types(database: sqlite3.Connection) -> TypeObjects:
 
 def _nanoseconds(text: object) -> int | None:
     """Read "2025-10-02 07:24:06.159037672", UTC; None where it is no time."""
+    if not _TIME.fullmatch(str(text)):
+        return None
     try:
-        return int(np.datetime64(str(text).strip(), "ns").astype(np.int64))
+        return int(np.datetime64(str(text), "ns").astype(np.int64))
     except ValueError:
         return None
