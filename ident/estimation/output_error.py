@@ -32,6 +32,7 @@ MILD = 1e-2  # damping below which a small step means the end and not a short le
 CORRELATION_LENGTHS = 5
 IDLE = 4  # small steps in a row that mean the end however short the leash
 NEGLIGIBLE = 1e-5  # gain of 2 log likelihood that is no gain
+CRAWL = 0.05  # gain of 2 log likelihood in half of the iterations: along a kink, and near enough its end
 NOISE_ROUNDS = 6
 CONVERGED = 1e-4  # step in standard deviations
 RANK_TOLERANCE = 1e-10
@@ -161,7 +162,9 @@ def _gauss_newton(problem: Problem, state: _State) -> tuple[_State, Array, list[
     """Damped Gauss-Newton at a fixed noise model; the damping is Levenberg's, on the shared parameters."""
     damping, idle = 0.0, 0
     value = _white_sum(state.records, state.shape, state.std)
-    for _ in range(MAX_ITERATIONS):
+    halfway = value
+    for number in range(MAX_ITERATIONS):
+        halfway = value if number == MAX_ITERATIONS // 2 else halfway
         reduced = [_reduce(r, state.shape, state.std) for r in state.records]
         stacked = _triangle(np.vstack([r.rows for r in reduced]))
         triangle, target = stacked[: state.shared.size, :-1], stacked[: state.shared.size, -1]
@@ -183,7 +186,7 @@ def _gauss_newton(problem: Problem, state: _State) -> tuple[_State, Array, list[
         if done and (damping <= MILD or idle >= IDLE):
             return state, triangle, reduced, True
         damping = 0.0 if damping < 1e-6 else damping / 8
-    return state, triangle, reduced, False
+    return state, triangle, reduced, halfway - value < CRAWL * state.std**2
 
 
 def _moved(problem: Problem, state: _State, reduced: Sequence[_Reduced], step: Array) -> _State:

@@ -38,8 +38,8 @@ SMALL_RATIO = 0.1  # rho below which the order is asked: T2 below 0.13 T1
 FIRST_ORDER = 6.63
 OUTSIDE = 9.0  # LR beyond which the profile has no weight left
 FIRST_OUTWARDS = 1e-3
-OUTWARDS = 1.6
-NODES = 8
+OUTWARDS = 2.0
+NODES = 6
 
 
 def settled_order(fit: Fit, records: Sequence[ActuatorRecord]) -> Fit:

@@ -51,9 +51,12 @@ def modelled(record: ActuatorRecord, shared: Complex | Array, local: Complex | A
     by_angle, by_rate = free(a1, a2, now - now[0])
     y = values[acting] + (angle - values[acting]) * by_angle + rate * by_rate
     for k in range(acting + 1, times.size):
+        change = values[k] - values[k - 1]
+        if change == 0:
+            continue
         since = now - times[k] - dead_time
         after = since.real > 0
-        y[after] += (values[k] - values[k - 1]) * (1 - free(a1, a2, since[after])[0])
+        y[after] += change * (1 - free(a1, a2, since[after])[0])
     return y + shared[4 + record.run]
 
 
