@@ -3,9 +3,9 @@
 A response is brought to the scale from zero (the level before the step) to one (where it settles).
 Everything here is a hand method, made repeatable: means over what is flat, lines through what is steep.
 
-Dead time: the source reads it off the plot. Here the early response of two lags, y ~ (t - L)²/(2 T1 T2),
-is made a line by its square root and extrapolated to zero; a first-order start is steeper than that line
-and gives an L that is late by a fraction of a sample.
+Dead time: the source reads it off the plot. Here the early response is extrapolated to zero: that of one lag,
+y ~ (t - L)/T1, as a line, that of two, y ~ (t - L)²/(2 T1 T2), as a line through its square root, whichever
+lies closer to the samples.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ def time_of(response: Response, level: float) -> float:
 
 
 def dead_time(response: Response) -> float:
-    """Where the square root of the early response, extended as a line, meets zero; at least zero."""
+    """Where the early response, extended as a line or a parabola, meets zero; at least zero."""
     t_half = time_of(response, 0.5)
     low = max(EARLY_BAND[0], 4 * response.noise)
     high = max(EARLY_BAND[1], 3 * low)
@@ -152,11 +152,15 @@ def dead_time(response: Response) -> float:
         begin = np.flatnonzero((response.times > 0) & (response.y > low))[0]
         early = np.zeros_like(early)
         early[begin : begin + FEWEST] = True
-    root = np.sqrt(np.maximum(response.y[early], 0.0))
-    slope, offset = np.polyfit(response.times[early], root, 1)
+    t, y = response.times[early], response.y[early]
+    root = np.sqrt(np.maximum(y, 0.0))
+    parabola, line = np.polyfit(t, root, 1), np.polyfit(t, y, 1)
+    off_parabola = float(np.square(y - np.square(np.polyval(parabola, t))).sum())
+    off_line = float(np.square(y - np.polyval(line, t)).sum())
+    slope, offset = line if off_line < off_parabola else parabola
     if slope <= 0:
         raise NotIdentifiable("the early response does not rise: sample faster or step further")
-    return float(np.clip(-offset / slope, 0.0, response.times[early][0]))
+    return float(np.clip(-offset / slope, 0.0, t[0]))
 
 
 def steepest(response: Response) -> tuple[float, float, float]:
