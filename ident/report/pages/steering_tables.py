@@ -77,7 +77,8 @@ def runs_behind(result: SteeringResult) -> str:
     """Say in one line which runs the parameters come from."""
     used = sum("likelihood" in experiment.used_by for experiment in result.experiments)
     experiments = f", {count(used, 'experiment')}" if used else ""
-    return f"One model for {count(sum(fit.used for fit in result.by_run), 'run')}{experiments}, {count(result.samples, 'sample')}."
+    runs = count(sum(fit.used for fit in result.by_run), "run")
+    return f"One model for {runs}{experiments}, {count(result.samples, 'sample')}."
 
 
 def key_figures(result: SteeringResult) -> Facts:
