@@ -23,9 +23,15 @@ SMALLEST_SHARE = 0.02  # of the range of the request: smaller bumps are no extre
 ALIKE = 0.12  # relative difference of half periods and of swings within one sine
 OFF_SINE = 0.03  # of the amplitude: largest distance of the request from the sine
 FEWEST_PER_CYCLE = 4  # commands
+FEWEST_COMMANDS = 8  # in a sine, which has four free numbers
 ONE_CYCLE = 0.98
 TOO_SHORT = "one needed: drive it longer"
 WORTH_TELLING = 0.75  # cycles
+TOLD_COMMANDS = 12  # in a rejected sine: of fewer, noise gives many
+TOLD_HALVES = 4  # half periods alike in a row, from which it is told why they are no sine
+STEADY = 0.03  # of the frequency: largest change within a sine
+NOTICED = 0.003  # of the amplitude: a smaller distance from the sine tells no change
+EXPLAINED = 3.0  # times smaller is what is left once the frequency may change
 LARGEST_SHIFT = 0.25  # of the frequency between the core and the whole
 LARGEST_SWING = 0.53  # amplitude over the range of the request; from extreme to extreme a sine has 0.5
 REFINEMENTS = 8
@@ -66,14 +72,14 @@ def find_sines(stretch: Stretch, begin: int, end: int) -> list[Found]:
         if sine is None:
             continue
         one = _found(stretch, begin + low, begin + high, sine)
-        if halves > 1 or one.rejected is None or _nearly(one):
+        if one.rejected is None or (high - low >= TOLD_COMMANDS and (halves >= TOLD_HALVES or _nearly(one))):
             found.append(one)
             taken.append((low, high))
     return found
 
 
 def _nearly(one: Found) -> bool:
-    """Whether a rejected half wave is worth telling: a clean sine that only ended too early."""
+    """Whether a rejected short wave is worth telling: a clean sine that only ended too early."""
     cycles = (one.end_time - one.start) * (one.frequency or 0.0) / (2 * np.pi)
     return bool(cycles > WORTH_TELLING and (one.rejected or "").endswith(TOO_SHORT))
 
@@ -169,8 +175,8 @@ def _fit(times: Array, values: Array, frequency: float) -> _Sine | None:
 def _found(stretch: Stretch, begin: int, end: int, sine: _Sine) -> Found:
     times, values = stretch.command_times, stretch.command_values
     start = float(times[begin])
-    stop = float(times[end]) if end < times.size else float(times[-1] + stretch.command_period)
-    off = values[begin:end] - sine.at(times[begin:end] - times[0])
+    stop = float(times[end]) if end < times.size else stretch.end
+    own = times[begin:end] - times[0]
     return Found(
         kind="sine",
         begin=begin,
@@ -179,17 +185,39 @@ def _found(stretch: Stretch, begin: int, end: int, sine: _Sine) -> Found:
         end_time=stop,
         amplitude=sine.amplitude,
         frequency=sine.frequency,
-        rejected=_why_not(stop - start, sine, float(np.sqrt(np.mean(off**2))), stretch.command_period),
+        rejected=_why_not(stop - start, sine, own, values[begin:end]),
     )
 
 
-def _why_not(duration: float, sine: _Sine, off: float, period: float) -> str | None:
+def _why_not(duration: float, sine: _Sine, times: Array, values: Array) -> str | None:
+    off = _rms(values - sine.at(times))
     cycles = duration * sine.frequency / (2 * np.pi)
     if cycles < ONE_CYCLE:
         return f"{cycles:.2f} cycles of {sine.frequency:.2f} rad/s, {TOO_SHORT}"
     if off > OFF_SINE * sine.amplitude:
         return f"no sine: it leaves {100 * off / sine.amplitude:.0f} % of its amplitude, at most 3 % allowed"
-    per_cycle = 2 * np.pi / sine.frequency / period if period > 0 else np.inf
+    per_cycle = times.size / cycles
     if per_cycle < FEWEST_PER_CYCLE:
         return f"{per_cycle:.1f} commands a cycle, {FEWEST_PER_CYCLE} needed"
+    if times.size < FEWEST_COMMANDS:
+        return f"{times.size} commands, {FEWEST_COMMANDS} needed: noise gives such sines too"
+    change, left = _change(sine, times, values)
+    share = abs(change) / sine.frequency
+    if share > STEADY and off > max(NOTICED * sine.amplitude, EXPLAINED * left):
+        return f"no sine: its frequency changes by {100 * share:.0f} %, at most 3 % allowed"
     return None
+
+
+def _change(sine: _Sine, times: Array, values: Array) -> tuple[float, float]:
+    """Change of the frequency over a sine [rad/s], and the rms distance left once it may change."""
+    phase, since = sine.frequency * times, times - times.mean()
+    slope = sine.sine * np.cos(phase) - sine.cosine * np.sin(phase)
+    columns = np.column_stack(
+        [np.ones_like(times), np.cos(phase), np.sin(phase), since * slope, since**2 * slope]
+    )
+    linear = np.linalg.lstsq(columns, values, rcond=None)[0]
+    return float(2 * linear[4] * (times[-1] - times[0])), _rms(values - columns @ linear)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

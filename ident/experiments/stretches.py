@@ -51,9 +51,19 @@ class Stretch:
         return bool(np.isfinite(self.rest_rate))
 
     @property
+    def steady(self) -> bool:
+        """Whether commands come at a rate, and not whenever something changes."""
+        return is_steady(self.command_times)
+
+    @property
     def command_period(self) -> float:
-        """Median time between commands [s]."""
-        return float(np.median(np.diff(self.command_times))) if self.command_times.size > 1 else 0.0
+        """Median time between commands [s]; zero where they come when something changes, then at once."""
+        return period_of(self.command_times) if self.steady else 0.0
+
+    @property
+    def end(self) -> float:
+        """Until when the last command is known to be held [s]."""
+        return float(self.command_times[-1]) + self.command_period if self.steady else float(self.times[-1])
 
     @property
     def excited(self) -> bool:
@@ -115,9 +125,9 @@ def find_stretches(
     found = []
     for first, last in zip([0, *cuts.tolist()], [*cuts.tolist(), command_times.size], strict=True):
         hold = period if steady else np.inf
-        for begin, end in _enabled_parts(command_times[first:last], enabled, hold):
+        for begin, end, until in _enabled_parts(command_times[first:last], enabled, hold):
             part = slice(first + begin, first + end)
-            window = (command_times[part][0], command_times[part][-1] + (GAP * hold if steady else np.inf))
+            window = (command_times[part][0], min(command_times[part][-1] + GAP * hold, until))
             stretch = _stretch(
                 command_times[part], command_values[part], missing[part], times, measured, window
             )
@@ -134,15 +144,15 @@ def _missing(times: Array, period: float) -> NDArray[np.intp]:
 
 def _enabled_parts(
     times: Array, enabled: Sequence[tuple[float, float]] | None, hold: float
-) -> list[tuple[int, int]]:
-    """Index ranges of the commands that are acted on."""
+) -> list[tuple[int, int, float]]:
+    """Index ranges of the commands that are acted on, and until when they are."""
     if enabled is None:
-        return [(0, times.size)]
+        return [(0, times.size, np.inf)]
     parts = []
     for low, high in enabled:
         begin, end = np.searchsorted(times, [low, high])
         if end - begin > 1 and times[end - 1] - times[begin] > 2 * min(hold, 1.0):
-            parts.append((int(begin), int(end)))
+            parts.append((int(begin), int(end), high))
     return parts
 
 
