@@ -28,8 +28,10 @@ def list_experiments(data: Sequence[SteeringRun], fit: RunsFit) -> tuple[list[Ex
         for number, (stretch, found) in enumerate(zip(run.stretches, run.experiments, strict=True)):
             why_not = _why_not_likelihood(run, number, fit)
             early = _hidden_start(run, number, fit)
+            foreign = fit.excluded.get(run.name)
             listed += [
-                _experiment(run.name, stretch, _known_start(one, early), why_not, used) for one in found
+                _experiment(run.name, stretch, _known_start(one, early), why_not, used, foreign)
+                for one in found
             ]
     fits = [combined(method, pairs) for method, pairs in used.items()]
     return listed, fits
@@ -66,11 +68,13 @@ def _experiment(
     found: Found,
     why_not: str | None,
     used: Mapping[StepMethod, list[tuple[StepRecord, StepModel]]],
+    foreign: str | None,
 ) -> Experiment:
+    """List one experiment; nothing uses those of a run that is ``foreign`` to the others, for that reason."""
     users = [] if why_not else [LIKELIHOOD]
     rejected = {LIKELIHOOD: why_not} if why_not else {}
     for method, apply in STEP_METHODS.items():
-        reason = _not_a_step(found)
+        reason = foreign or _not_a_step(found)
         if reason is None:
             record = _step_record(stretch, found)
             try:
