@@ -329,7 +329,7 @@ def test_jittered_stamps_are_modelled_in_continuous_time(tmp_path: Path) -> None
 @needs_measured
 def test_a_servo_is_not_described_by_one_linear_model() -> None:
     folder = MEASURED / "servo_miuzei"
-    result = run(*(folder / name for name in ("ramps", "squares", "chirp"))).result
+    result = run(*(folder / name for name in ("ramps", "chirp"))).result
     assert not result.adequate
     assert result.verdict.startswith("One linear model does not describe this actuator")
     assert result.agreement_p is not None
