@@ -246,9 +246,22 @@ def _longest_hold(records: Sequence[ActuatorRecord]) -> float:
     return longest
 
 
+def _one_level(records: Sequence[ActuatorRecord]) -> bool:
+    """Whether no run has a second level of the request."""
+    levels: dict[int, list[Array]] = {}
+    for record in records:
+        levels.setdefault(record.run, []).append(record.command_values)
+    return all(np.ptp(np.concatenate(values)) == 0 for values in levels.values())
+
+
 def _refuse_no_answer(fit: ActuatorFit) -> None:
     gain, std = _gain(fit)
     dead_time = float(fit.fit.shared[DEAD_TIME])
+    if _one_level(fit.records):
+        raise NotIdentifiable(
+            f"the request holds {fit.records[0].first:.4g} rad and nothing else: the gain and the offset of "
+            "the measured angle cannot be told apart; record from before a step until after the next"
+        )
     if std > LARGEST_GAIN_ERROR * abs(gain) and fit.vaf > POOR_VAF:
         raise NotIdentifiable(
             f"the answers never settle: gain {gain:.3g} ± {std:.2g}, need it to 20 %; the request is held "

@@ -1,10 +1,10 @@
 """Coloured measurement noise: its models, and the filter that turns each of them into white noise.
 
-Two shapes, both restarted at every interruption of the samples ("start"), because nothing is known of what
-lies in between:
+Two shapes:
 
-* AR(p) on the sample index, e_k = a_1 e_{k-1} + ... + a_p e_{k-p} + w_k, for evenly spaced samples;
-* the continuous-time AR(1), correlation exp(-|t| / tau), for stamps that jitter.
+* AR(p) on the sample index, e_k = a_1 e_{k-1} + ... + a_p e_{k-p} + w_k, for evenly spaced samples; it
+  restarts at every interruption of the samples ("start"), because the index does not tell how long that was;
+* the continuous-time AR(1), correlation exp(-|t| / tau), for stamps that jitter; it needs no restart.
 
 Whitening is exact: the first samples after a start are weighted by their stationary covariance.
 """
@@ -173,10 +173,13 @@ class ContinuousAr1:
 
     correlation_time: float
 
+    def of_neighbours(self, record: Linearised) -> Array:
+        """(n - 1,) correlation of successive samples."""
+        return np.asarray(np.exp(-np.diff(record.times) / self.correlation_time))
+
     def whiten(self, columns: Array, record: Linearised) -> Array:
         """See :class:`NoiseShape`."""
-        correlation = np.exp(-np.diff(record.times) / self.correlation_time)
-        correlation[record.starts[1:] - 1] = 0.0
+        correlation = self.of_neighbours(record)
         white = columns.copy()
         white[1:] -= correlation[:, None] * columns[:-1]
         white[1:] /= np.sqrt(1 - correlation**2)[:, None]

@@ -268,8 +268,6 @@ def _continuous_objective(records: Sequence[Linearised], correlation_time: float
         local = _basis(record.local)
         white = shape.whiten(np.column_stack([local, record.shared, record.residual]), record)
         products.append(_Products((white.T @ white)[None, None, None], local.shape[1]))
-        correlation = np.exp(-np.diff(record.times) / correlation_time)
-        correlation[record.starts[1:] - 1] = 0.0
-        logdet += float(np.log1p(-(correlation**2)).sum())
+        logdet += float(np.log1p(-(shape.of_neighbours(record) ** 2)).sum())
         rows += len(record.residual)
     return _RestrictedLikelihood(products, rows, 0)(np.zeros(0))[0] + logdet

@@ -36,6 +36,7 @@ CRAWL = 0.05  # gain of 2 log likelihood in half of the iterations: along a kink
 NOISE_ROUNDS = 6
 CONVERGED = 1e-4  # step in standard deviations
 RANK_TOLERANCE = 1e-10
+UNKNOWN = 1e-6  # of the largest singular value: below, a direction is not known at all
 BLOCK_ROWS = 256
 FREE_ROUNDS = 2  # rounds in which the order of the noise may still change
 
@@ -279,7 +280,7 @@ def fit_output_error(
         state.std = std
         if settled:
             break
-    inverse = np.linalg.pinv(triangle, rcond=1e-14)
+    inverse = _inverse(triangle)
     return _fit(state, reduced, state.std**2 * inverse @ inverse.T, converged=converged)
 
 
@@ -298,9 +299,20 @@ def fit_least_squares(problem: Problem, shared: Array, local: Sequence[Array]) -
     state.std = _innovation_std(state, start.size)
     state, triangle, reduced, converged = _gauss_newton(problem, state)
     state.std = _innovation_std(state, start.size, reduced)
-    inverse = np.linalg.pinv(triangle, rcond=1e-14)
+    inverse = _inverse(triangle)
     bread = inverse @ inverse.T
     return _fit(state, reduced, bread @ _meat(state.records) @ bread, converged=converged)
+
+
+def _inverse(triangle: Array) -> Array:
+    """Inverse of the triangle; a direction that it does not hold gets a huge value, and not none."""
+    scale = np.linalg.norm(triangle, axis=0)
+    scale[scale == 0] = 1.0
+    square = np.zeros((scale.size, scale.size))
+    square[: len(triangle)] = triangle / scale
+    left, size, right = np.linalg.svd(square)
+    size = np.maximum(size, UNKNOWN * size.max(initial=1e-300))
+    return np.asarray((right.T / size) @ left.T / scale[:, None])
 
 
 def _fit(state: _State, reduced: Sequence[_Reduced], covariance: Array, *, converged: bool) -> Fit:

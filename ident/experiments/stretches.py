@@ -22,6 +22,8 @@ STEADY_SPREAD = 0.3
 FEWEST_SAMPLES = 10
 REST_SECONDS = 0.06
 REST_SAMPLES = 3
+MOVED_SHARE = 0.1  # of a constant command: the answer to a change just before the stretch
+MOVED_NOISE = 10.0  # times the noise of the answer
 
 
 @dataclass(frozen=True)
@@ -68,8 +70,11 @@ class Stretch:
     @property
     def excited(self) -> bool:
         """Whether the command changes at all, or the answer shows that it changed just before."""
-        moved = np.ptp(self.measured) > 0.1 * np.abs(self.command_values).max()
-        return bool(np.ptp(self.command_values) > 0 or (self.command_values[0] != 0 and moved))
+        if np.ptp(self.command_values) > 0:
+            return True
+        level = abs(float(self.command_values[0]))
+        moved = np.ptp(self.measured) > max(MOVED_SHARE * level, MOVED_NOISE * noise_level(self.measured))
+        return bool(self.at_rest and level > 0 and moved)
 
 
 def is_steady(times: Array) -> bool:

@@ -184,6 +184,24 @@ def test_a_step_before_the_first_message_is_found_by_its_answer() -> None:
     assert found.early == pytest.approx(0.06, abs=0.002)
 
 
+def test_a_single_level_does_not_tell_the_gain() -> None:
+    run = hidden_start(0)
+    record = run.records[0]
+    until = record.command_times[0] + 2.0
+    sent, seen = record.command_times < until, record.times < until
+    only = replace(
+        record,
+        command_times=record.command_times[sent],
+        command_values=record.command_values[sent],
+        times=record.times[seen],
+        measured=record.measured[seen],
+    )
+    with pytest.raises(
+        NotIdentifiable, match="request holds 1 rad and nothing else: the gain and the offset"
+    ):
+        identify_runs([RunRecords("one level", [only])])
+
+
 def test_a_step_with_the_first_message_hides_nothing() -> None:
     fit = identify_runs([hidden_start(0), pulse_run(1)])
     near_truth(fit)

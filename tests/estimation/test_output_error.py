@@ -165,6 +165,20 @@ def test_a_parameter_at_its_border_leaves_the_best_to_the_others() -> None:
     assert fit.converged
 
 
+def test_what_the_data_do_not_tell_has_no_error_that_is_small() -> None:
+    """Two shared columns of which only the sum is seen, and one that is not seen at all."""
+    random = np.random.default_rng(2)
+    t = np.linspace(0, 1, 200)
+    columns = np.column_stack([t, t, np.zeros(200)])
+    data = Data(3 * t + 0.1 * random.standard_normal(200), columns, np.zeros((200, 0)), np.zeros(0))
+    problem = Linear([data], low=np.full(3, -np.inf), high=np.full(3, np.inf))
+    fit = fit_output_error(problem, np.zeros(3), [np.zeros(0)], identify_noise=known(WHITE))
+    assert np.all(np.diag(fit.covariance) > 1e6)
+    both = np.array([1.0, 1.0, 0.0])
+    assert np.sqrt(both @ fit.covariance @ both) < 1.0
+    assert fit.shared[0] + fit.shared[1] == pytest.approx(3.0, abs=0.1)
+
+
 def test_the_score_of_some_columns_is_that_of_least_squares() -> None:
     data = some_data()
     records = Linear(data).linearise(np.array([2.0, 0.0]), [np.zeros(2)] * 3)
