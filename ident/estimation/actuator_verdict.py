@@ -1,9 +1,9 @@
 """Whether one linear actuator describes the runs, in numbers and in a sentence.
 
-Two things can be wrong with (2.25). It may leave much of the measured angle unexplained, or the runs may
-disagree on its parameters: then each is described by a linear model of its own, and the differences follow
-the excitation. A disagreement that is certain but of no consequence (less than the practical limits below) is
-told and does not make the model inadequate.
+Two things can be wrong with (2.25). It may leave much of the measured angle unexplained though that is no
+noise, or the runs, or the steps of different sizes, may disagree on its parameters: then each is described by
+a linear model of its own, and the differences follow the excitation. A disagreement that is certain but of no
+consequence (less than the practical limits below) is told and does not make the model inadequate.
 """
 
 from __future__ import annotations
@@ -12,15 +12,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ident.estimation.actuator_fit import ActuatorFit, agreement, doubted, steering_model
-from ident.estimation.actuator_runs import POOR_VAF, RunsFit
-from ident.results import Classification, Estimate, RunFit, SteeringModel
+from ident.estimation.actuator_runs import POOR_VAF, RunsFit, is_smooth
+from ident.results import AmplitudeFit, Classification, Estimate, RunFit, SteeringModel
 
-ENOUGH_VAF = 0.95
+Array = NDArray[np.float64]
+
+ENOUGH_VAF = 0.998  # explained, where the rest is no noise: 4 % of the measured angle is left
+NOISE_VAF = 0.2  # explained, where the rest is noise
 SIGNIFICANT = 0.01
-PRACTICAL_GAIN = 0.03  # relative spread between runs
-PRACTICAL_LAG = 0.1  # of the total lag, spread between runs
+PRACTICAL_GAIN = 0.03  # relative spread
+PRACTICAL_LAG = 0.1  # spread over the total lag
 LISTED = 4  # names of runs in a sentence
 
 
@@ -74,23 +78,62 @@ def _on_run(fit: RunsFit, name: str) -> tuple[float, float, int] | None:
     return float(np.sqrt(left / residual.size)), 1 - left / spread if spread else 0.0, residual.size
 
 
-def judge(fit: RunsFit, model: SteeringModel, shape: Classification) -> Judgement:
-    """Put the result in one line."""
-    fits = [
-        one for name, one in fit.alone.items() if isinstance(one, ActuatorFit) and name not in fit.excluded
-    ]
-    p = agreement(fits) if len(fits) > 1 else None
-    gain_spread, lag_spread = _spreads(fits)
-    differ = p is not None and p < SIGNIFICANT
-    matters = differ and (gain_spread > PRACTICAL_GAIN or lag_spread > PRACTICAL_LAG)
+@dataclass(frozen=True)
+class _Group:
+    """Fits of parts of the data.
+
+    values, errors : (n, 2) gain [-] and total lag [s] of each, and their standard errors
+    p : p-value of the hypothesis that all are the same
+    over : what tells one from the next
+    """
+
+    values: Array
+    errors: Array
+    p: float | None
+    over: str
+
+    @property
+    def matters(self) -> bool:
+        """Whether the parts differ for certain, and by more than what is of no consequence."""
+        if self.p is None or self.p >= SIGNIFICANT:
+            return False
+        errors = np.maximum(self.errors, np.finfo(float).tiny)
+        middle = np.average(self.values, axis=0, weights=(errors.min(axis=0) / errors) ** 2)
+        beyond = np.maximum(np.abs(self.values - middle) - 2 * errors, 0.0).max(axis=0) / np.abs(middle)
+        return bool(beyond[0] > PRACTICAL_GAIN or beyond[1] > PRACTICAL_LAG)
+
+    def __str__(self) -> str:
+        (gain, lag), (most_gain, most_lag) = self.values.min(axis=0), self.values.max(axis=0)
+        spans = f"gains of {gain:.2f} to {most_gain:.2f} and total lags of {lag:.2f} to {most_lag:.2f} s"
+        return f"{spans} from {self.over} to {self.over}"
+
+
+def judge(
+    fit: RunsFit,
+    model: SteeringModel,
+    shape: Classification,
+    sizes: Sequence[AmplitudeFit] = (),
+    amplitude_p: float | None = None,
+) -> Judgement:
+    """Put the result in one line.
+
+    sizes, amplitude_p : the fits to the steps of each size, and whether they agree
+    """
+    groups = [_over_runs(fit), _over_sizes(sizes, amplitude_p)]
+    p = groups[0].p
+    differing = [str(group) for group in groups if group.matters]
     share = f"explains {100 * max(fit.common.vaf, 0):.1f} % of the measured angle in {_runs(len(fit.used))}"
     nonlinear = [name for name in fit.excluded if _own_vaf(fit, name) >= POOR_VAF]
-    if fit.common.vaf >= ENOUGH_VAF and not matters and not nonlinear:
-        verdict = f"{_constants(model, shape)}; {share}"
+    rest_is_noise = not fit.common.misfit and not is_smooth(fit.common)
+    enough = NOISE_VAF if rest_is_noise else ENOUGH_VAF
+    if fit.common.vaf >= enough and not differing and not nonlinear:
+        noise = "" if fit.common.vaf >= ENOUGH_VAF else "; the rest is noise"
+        verdict = f"{_constants(model, shape)}; {share}{noise}"
         return Judgement(verdict, adequate=True, agreement_p=p, next_step=_next(model))
-    told = f"One linear model does not describe this actuator: it {share}"
-    if matters:
-        told += f", with {_ranges(fits)} from run to run"
+    rest = "" if rest_is_noise else f"; the rest, {fit.common.rms:.2g} rad, is smooth and no noise"
+    told = f"One linear model does not describe this actuator: it {share}{rest}"
+    if differing:
+        told += f", with {', and '.join(differing)}"
     if nonlinear:
         told += f"; {_listed(nonlinear)} no linear model follows"
     advice = (
@@ -100,6 +143,22 @@ def judge(fit: RunsFit, model: SteeringModel, shape: Classification) -> Judgemen
     return Judgement(told, adequate=False, agreement_p=p, next_step=advice)
 
 
+def _over_runs(fit: RunsFit) -> _Group:
+    fits = [
+        one for name, one in fit.alone.items() if isinstance(one, ActuatorFit) and name not in fit.excluded
+    ]
+    values = np.array([[f.fit.shared[0], f.fit.shared[1] + f.fit.shared[2]] for f in fits])
+    errors = np.array([_gain_and_lag_std(f) for f in fits])
+    return _Group(values, errors, agreement(fits), "run")
+
+
+def _over_sizes(sizes: Sequence[AmplitudeFit], p: float | None) -> _Group:
+    estimates = [(one.gain, one.total_lag) for one in sizes]
+    values = np.array([[one.value for one in pair] for pair in estimates], dtype=np.float64)
+    errors = np.array([[one.std for one in pair] for pair in estimates], dtype=np.float64)
+    return _Group(values, errors, p, "size")
+
+
 def _own_vaf(fit: RunsFit, name: str) -> float:
     alone = fit.alone[name]
     if isinstance(alone, ActuatorFit) and alone.fit.shared[0] > 0:
@@ -107,27 +166,9 @@ def _own_vaf(fit: RunsFit, name: str) -> float:
     return 0.0
 
 
-def _ranges(fits: Sequence[ActuatorFit]) -> str:
-    gains = [float(f.fit.shared[0]) for f in fits]
-    lags = [float(f.fit.shared[1] + f.fit.shared[2]) for f in fits]
-    gain = f"gains of {min(gains):.2f} to {max(gains):.2f}"
-    return f"{gain} and total lags of {min(lags):.2f} to {max(lags):.2f} s"
-
-
 def _listed(names: Sequence[str]) -> str:
     shown = ", ".join(names[:LISTED])
     return shown if len(names) <= LISTED else f"{shown} and {len(names) - LISTED} more runs"
-
-
-def _spreads(fits: Sequence[ActuatorFit]) -> tuple[float, float]:
-    """Largest distances between runs of gain and total lag, less what their errors allow, relative."""
-    if len(fits) < 2:
-        return 0.0, 0.0
-    values = np.array([[f.fit.shared[0], f.fit.shared[1] + f.fit.shared[2]] for f in fits])
-    errors = np.array([_gain_and_lag_std(f) for f in fits])
-    middle = np.average(values, axis=0, weights=1 / errors**2)
-    beyond = np.maximum(np.abs(values - middle) - 2 * errors, 0.0).max(axis=0) / np.abs(middle)
-    return float(beyond[0]), float(beyond[1])
 
 
 def _gain_and_lag_std(fit: ActuatorFit) -> tuple[float, float]:

@@ -51,6 +51,7 @@ NEIGHBOURS = 1.8  # largest ratio of frequencies to the middle of the crossing
 ROOM = 0.2  # of ln w beyond the points used, in which the crossing may still lie
 MANY = 10**6  # degrees of freedom: the normal distribution
 BEYOND = 1.5  # times the bandwidth, up to which sines should be driven
+NO_END = 20.0  # of ln w: an end of the interval further away is none
 UNIT = "rad/s"
 
 
@@ -109,7 +110,10 @@ def _slope_to_ratio(scaled: float, ratio: float) -> float:
 def _from_logarithm(value: float, relative: float, freedom: int) -> Estimate:
     """Estimate whose logarithm is normal; its status by the relative error."""
     one = estimate(0.0, relative, UNIT, freedom, scale=1.0)
-    low, high = (float(value * np.exp(0.0 if end is None else end)) for end in (one.low, one.high))
+    low, high = (
+        None if end is None or abs(end) > NO_END else float(value * np.exp(end))
+        for end in (one.low, one.high)
+    )
     return Estimate(float(value), float(value * relative), low, high, UNIT, one.status, one.reason)
 
 

@@ -152,9 +152,9 @@ def _result(
     model: SteeringModel,
 ) -> SteeringResult:
     shape, why = classify(fit.common.fit)
-    judgement = judge(fit, model, shape)
-    experiments, step_methods = list_experiments(data, fit)
     by_amplitude, amplitude_p = amplitude_fits(data, fit)
+    judgement = judge(fit, model, shape, by_amplitude, amplitude_p)
+    experiments, step_methods = list_experiments(data, fit)
     excitation = {run.name: _kinds(run.name, experiments) for run in data}
     return SteeringResult(
         schema_version=SCHEMA_VERSION,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,8 @@ from ident.errors import NotIdentifiable
 from ident.estimation.actuator_fit import ActuatorFit, steering_model
 from ident.estimation.actuator_likelihood import ActuatorRecord
 from ident.estimation.actuator_runs import RunRecords, RunsFit, identify_runs
-from ident.estimation.actuator_verdict import judge, run_fits
+from ident.estimation.actuator_verdict import Judgement, judge, run_fits
+from ident.results import AmplitudeFit, Estimate
 
 Array = NDArray[np.float64]
 
@@ -128,6 +130,64 @@ def test_runs_of_two_actuators_disagree() -> None:
     assert judgement.agreement_p < 1e-6
     assert "gains of 0.85 to 0.95" in judgement.verdict
     assert "total lags of 0.45 to 0.60 s" in judgement.verdict
+
+
+def verdict(fit: RunsFit, sizes: Sequence[AmplitudeFit] = (), p: float | None = None) -> Judgement:
+    return judge(fit, steering_model(fit.common.fit), "overdamped", sizes, p)
+
+
+def of_size(amplitude: float, gain: float, lag: float, error: float) -> AmplitudeFit:
+    def known(value: float, unit: str) -> Estimate:
+        return Estimate(value, error * value, None, None, unit)
+
+    parts = [known(0.1, "s") for _ in range(3)]
+    return AmplitudeFit(amplitude, 2, known(gain, "1"), *parts, known(lag, "s"))
+
+
+def test_steps_of_different_sizes_that_disagree_make_the_model_inadequate(two: RunsFit) -> None:
+    alike = [of_size(0.5, 0.95, 0.45, 0.001), of_size(1.0, 0.96, 0.46, 0.001)]
+    assert verdict(two, alike, 1e-9).adequate  # certain, and of no consequence
+    smaller = [of_size(0.5, 0.80, 0.45, 0.001), of_size(1.0, 0.95, 0.45, 0.001)]
+    told = verdict(two, smaller, 1e-9)
+    assert not told.adequate
+    assert "gains of 0.80 to 0.95 and total lags of 0.45 to 0.45 s from size to size" in told.verdict
+    assert verdict(two, smaller, 0.3).adequate  # not certain
+    slower = [of_size(0.5, 0.95, 0.45, 0.001), of_size(1.0, 0.95, 0.70, 0.001)]
+    assert not verdict(two, slower, 1e-9).adequate
+    vague = [of_size(0.5, 0.80, 0.45, 0.2), of_size(1.0, 0.95, 0.45, 0.2)]
+    assert verdict(two, vague, 1e-9).adequate
+
+
+def with_noise(std: float) -> RunsFit:
+    random = np.random.default_rng(3)
+    test = pulses(random, on=4.0, off=3.0, sizes=(1.0, -0.7))
+    return identify_runs(
+        [RunRecords("noisy", [test.record(TRUTH, ar1_noise(test.times.size, std, 0.0, random))])]
+    )
+
+
+def test_noise_alone_does_not_make_a_model_inadequate() -> None:
+    fit = with_noise(0.25)
+    assert fit.common.vaf < 0.9
+    told = verdict(fit)
+    assert told.adequate
+    assert told.verdict.endswith("the rest is noise")
+
+
+def test_a_smooth_rest_makes_a_model_inadequate() -> None:
+    """A rate limit: no linear model leaves noise alone."""
+    test = pulses(np.random.default_rng(2), on=4.0, off=4.0, sizes=(1.0, -0.7, 1.0))
+    request = np.interp(test.times - 0.1, test.command_times, test.command_values)
+    angle = np.zeros_like(test.times)
+    for k in range(1, angle.size):
+        angle[k] = angle[k - 1] + np.clip(request[k] - angle[k - 1], -0.012, 0.012)
+    noise = ar1_noise(angle.size, 0.001, 0.0, np.random.default_rng(1))
+    record = replace(test.record(TRUTH, noise), measured=angle + noise)
+    fit = identify_runs([RunRecords("limited", [record])])
+    assert fit.common.vaf > 0.95
+    told = verdict(fit)
+    assert not told.adequate
+    assert "is smooth and no noise" in told.verdict
 
 
 @pytest.mark.parametrize("sign", [1, -1], ids=["late", "early"])
