@@ -498,7 +498,7 @@ class FixedValue:
 
 
 @dataclass(frozen=True)
-class SignalNoise:
+class ResidualNoise:
     """What the fit found the noise of a signal to be.
 
     std : of the innovations; total_std : of the noise; ar : y_k = sum a_i y_(k-i) + e_k at ``sample_period`` [s]
@@ -574,7 +574,7 @@ class TyresResult:
     characteristic_speed: Estimate
     nuisance: list[EffectEstimate]
     fixed: dict[str, FixedValue]
-    noise: dict[str, SignalNoise]
+    noise: dict[str, ResidualNoise]
     by_run: list[TyreRun]
     agreement_p: float | None
     speed: list[float]
