@@ -501,7 +501,8 @@ class FixedValue:
 class ResidualNoise:
     """What the fit found the noise of a signal to be.
 
-    std : of the innovations; total_std : of the noise; ar : y_k = sum a_i y_(k-i) + e_k at ``sample_period`` [s]
+    std : of the innovations; total_std : of the noise
+    ar : y_k = sum a_i y_(k-i) + e_k at ``sample_period`` [s]
     coloured_beyond : whether what is left is correlated over longer than noise of a sensor is: then it holds
         what the model lacks, and the intervals rest on the spread between windows
     """
