@@ -13,10 +13,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from .actuator import WheelState, held_response
 from .commands import Command
-from .driving import circle_request, drivers_wheel, slalom_request, varied_speed
+from .driving import Speed, circle_request, drivers_wheel, slalom_request, varied_speed
 from .messages import Storage, Topic, write_run
 from .motion import drive, motion_topics, velocity_topic
 from .path_following import TASKS, Task, follow
@@ -124,23 +125,45 @@ def slow_run(command: Command, duration: float) -> Make:
     return make
 
 
-def driver_run(
-    vehicle: Literal["truck", "planar"], peak: float, duration: float, *, silent: bool = False
-) -> Make:
-    """Prepare a run with a driver at the wheel.
+@dataclass(frozen=True)
+class Trip:
+    """A drive with a driver at the wheel.
 
     vehicle : which of the simulated trucks
     peak : largest lateral acceleration in the driver's mind [m/s²]
-    silent : whether the request topic exists, without a message
+    duration : [s]
     """
 
+    vehicle: Literal["truck", "planar"]
+    peak: float
+    duration: float = 60.0
+
+
+TRIPS = {
+    "manual_a": Trip("truck", 4.6),
+    "manual_b": Trip("truck", 4.9),
+    "manual_c": Trip("truck", 4.7),
+    "planar/planar_a": Trip("planar", 4.4),
+    "planar/planar_b": Trip("planar", 4.7),
+    "planar/planar_c": Trip("planar", 4.4),
+}
+
+
+def drivers_inputs(trip: Trip, truth: Truth, random: np.random.Generator) -> tuple[CubicSpline, Speed, Array]:
+    """Steering-wheel angle [rad] and speed [m/s] of a trip, and the pose at its start."""
+    speed = varied_speed(10.2, 14.8, trip.duration, random)
+    wheel = drivers_wheel(truth.planar, trip.peak, speed, trip.duration, random)
+    return wheel, speed, _somewhere(random)
+
+
+def driver_run(trip: Trip, *, silent: bool = False) -> Make:
+    """Prepare a run with a driver at the wheel; ``silent``: the request topic is there, without a message."""
+
     def make(truth: Truth, seed: int, name: str) -> list[Topic]:
-        random = generator(seed, name)
-        recorder = Recorder(truth.recording, seed, name, duration)
-        speed = varied_speed(10.2, 14.8, duration, random)
-        wheel = drivers_wheel(truth.planar, peak, speed, duration, random)
-        truck = getattr(truth, vehicle)
-        motion = drive(truck, wheel, speed, duration, _somewhere(random))
+        wheel, speed, pose = drivers_inputs(trip, truth, generator(seed, name))
+        recorder = Recorder(truth.recording, seed, name, trip.duration)
+        truck = getattr(truth, trip.vehicle)
+        motion = drive(truck, wheel, speed, trip.duration, pose)
         nothing = recorder.logged(REQUEST, "request", np.empty(0, np.int64), np.empty(0))
         return [
             *([nothing] if silent else []),
@@ -186,12 +209,12 @@ RUNS: dict[str, SampleRun] = {
     "steering_sines_b": SampleRun("sqlite3", 1_760_001_840_518_236_377, steering_topics),
     "slow_slalom": SampleRun("mcap", 1_760_003_015_774_902_618, slow_run(slalom_request, 55.0)),
     "slow_circle": SampleRun("mcap", 1_760_003_388_129_550_034, slow_run(circle_request, 80.0)),
-    "manual_a": SampleRun("mcap", 1_760_004_902_661_038_295, driver_run("truck", 4.6, 60.0)),
-    "manual_b": SampleRun("mcap", 1_760_005_277_408_615_733, driver_run("truck", 4.9, 60.0, silent=True)),
-    "manual_c": SampleRun("mcap", 1_760_005_690_093_284_166, driver_run("truck", 4.7, 60.0)),
+    "manual_a": SampleRun("mcap", 1_760_004_902_661_038_295, driver_run(TRIPS["manual_a"])),
+    "manual_b": SampleRun("mcap", 1_760_005_277_408_615_733, driver_run(TRIPS["manual_b"], silent=True)),
+    "manual_c": SampleRun("mcap", 1_760_005_690_093_284_166, driver_run(TRIPS["manual_c"])),
     "path_a": SampleRun("mcap", 1_760_006_318_470_902_366, path_run(TASKS["path_a"])),
     "path_b": SampleRun("mcap", 1_760_006_702_945_331_890, path_run(TASKS["path_b"])),
-    "planar/planar_a": SampleRun("mcap", 1_760_007_204_835_197_452, driver_run("planar", 4.4, 60.0)),
-    "planar/planar_b": SampleRun("mcap", 1_760_007_551_250_742_809, driver_run("planar", 4.7, 60.0)),
-    "planar/planar_c": SampleRun("mcap", 1_760_007_896_517_463_021, driver_run("planar", 4.4, 60.0)),
+    "planar/planar_a": SampleRun("mcap", 1_760_007_204_835_197_452, driver_run(TRIPS["planar/planar_a"])),
+    "planar/planar_b": SampleRun("mcap", 1_760_007_551_250_742_809, driver_run(TRIPS["planar/planar_b"])),
+    "planar/planar_c": SampleRun("mcap", 1_760_007_896_517_463_021, driver_run(TRIPS["planar/planar_c"])),
 }
