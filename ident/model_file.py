@@ -1,8 +1,9 @@
 """``model.yaml``: the identified model as the stages exchange it, and as a person can read and edit it.
 
 All values are SI; each has its standard error. ``parameters`` and ``covariance`` hold what was fitted
-together: entry (i, j) is the covariance of the i-th and j-th parameter, named ``section.name`` as in
-``steering.dead_time``. Floats are written with all their digits: reading gives the same numbers back.
+together: entry (i, j) is the covariance of the i-th and j-th parameter, named by its place as in
+``steering.dead_time`` or ``tyres.front.cornering_stiffness``. Floats are written with all their digits:
+reading gives the same numbers back.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.representer import RoundTripRepresenter
 
 from ident.errors import BadRecipe
-from ident.results import Provenance
+from ident.results import Provenance, TyreKind
+from ident.vehicle import ReferencePoint
 from ident.yaml_file import check, read_yaml
 
 LONGEST_LINE = 110
@@ -60,6 +62,61 @@ class SteeringPart:
 
 
 @dataclass(frozen=True)
+class VehiclePart:
+    """The rigid body: what the vehicle file gave, or what was identified; None where neither did."""
+
+    __pydantic_config__ = _STRICT
+
+    mass: Value | None = None
+    yaw_inertia: Value | None = None
+    cg_to_front_axle: Value | None = None
+    cg_to_rear_axle: Value | None = None
+    track: Value | None = None
+    cg_height: Value | None = None
+
+
+@dataclass(frozen=True)
+class TyresPart:
+    """The axle tyres: parameter -> value; the force is that of the axle, both sides together."""
+
+    __pydantic_config__ = _STRICT
+
+    kind: TyreKind
+    front: dict[str, Value]
+    rear: dict[str, Value]
+
+
+@dataclass(frozen=True)
+class EffectPart:
+    """An effect that is part of the model.
+
+    name, enters : as in the catalogue of effects
+    of : the signal that it acts on, where it acts on one; run : where it belongs to one run
+    """
+
+    __pydantic_config__ = _STRICT
+
+    name: str
+    enters: str
+    parameters: dict[str, Value]
+    of: str | None = None
+    run: str | None = None
+
+
+@dataclass(frozen=True)
+class ValidRange:
+    """What the data covered: [lowest, highest]; beyond it the model is a guess.
+
+    speed : [m/s]; lateral_acceleration : [m/s²]
+    """
+
+    __pydantic_config__ = _STRICT
+
+    speed: tuple[float, float] | None = None
+    lateral_acceleration: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
 class SignalNoise:
     """The noise of one signal; ``std`` is that of the innovations, in the signal's SI unit.
 
@@ -77,15 +134,23 @@ class SignalNoise:
 
 @dataclass(frozen=True)
 class Model:
-    """What has been identified so far, each part with the provenance of the stage that wrote it."""
+    """What has been identified so far, each part with the provenance of the stage that wrote it.
+
+    reference_point : the point that logged poses and velocities refer to
+    """
 
     __pydantic_config__ = _STRICT
 
     schema: Literal["ident.model/1"] = "ident.model/1"
+    vehicle: VehiclePart | None = None
+    reference_point: ReferencePoint | None = None
     steering: SteeringPart | None = None
+    tyres: TyresPart | None = None
+    effects: list[EffectPart] = field(default_factory=list)
     noise: dict[str, SignalNoise] = field(default_factory=dict)
     parameters: list[str] = field(default_factory=list)
     covariance: list[list[float]] = field(default_factory=list)
+    valid_range: ValidRange | None = None
     provenance: dict[str, Provenance] = field(default_factory=dict)
 
 

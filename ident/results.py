@@ -522,6 +522,7 @@ class TyreRun:
     seconds : fitted, in ``windows`` windows; speed, lateral_acceleration : range [m/s], [m/s²]
     agreement_p : p-value of the hypothesis that this run has the parameters of all runs together
     reason : why it is not used, where it is not
+    reference_x : x of the point that logged positions belong to, from the CG [m], None where it is not known
     """
 
     run: str
@@ -533,6 +534,7 @@ class TyreRun:
     agreement_p: float | None = None
     used: bool = True
     reason: str | None = None
+    reference_x: float | None = None
 
 
 @dataclass(frozen=True)

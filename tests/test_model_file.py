@@ -8,7 +8,19 @@ from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
 from ident.errors import BadRecipe
-from ident.model_file import Model, SignalNoise, SteeringPart, Value, model_from, model_text, read_model
+from ident.model_file import (
+    EffectPart,
+    Model,
+    SignalNoise,
+    SteeringPart,
+    TyresPart,
+    ValidRange,
+    Value,
+    VehiclePart,
+    model_from,
+    model_text,
+    read_model,
+)
 from ident.results import LogFile, Provenance
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -20,7 +32,16 @@ def load(text: str) -> dict[str, object]:
 
 def a_model(dead_time: float = 0.1234, std: float | None = 2.5e-05) -> Model:
     none = Value(None, None, "s")
+    stiffness = {"cornering_stiffness": Value(2.5e5, 3e3, "N/rad")}
     return Model(
+        vehicle=VehiclePart(mass=Value(12500.0, None, "kg"), yaw_inertia=Value(52000.0, 400.0, "kg m^2")),
+        reference_point="rear_axle",
+        tyres=TyresPart("linear", stiffness, stiffness),
+        effects=[
+            EffectPart("sensor_bias", "M", {"bias": Value(0.002, 1e-4, "rad/s")}, of="yaw_rate"),
+            EffectPart("steering_offset", "G", {"angle": Value(0.004, 1e-4, "rad")}, run="a/1"),
+        ],
+        valid_range=ValidRange(speed=(5.0, 15.0), lateral_acceleration=(-4.4, 4.1)),
         steering=SteeringPart(
             Value(0.985, 1e-4, "1"), Value(dead_time, std, "s"), none, none, ratio=[(0.0, 0.0)]
         ),
@@ -50,6 +71,7 @@ def test_writes_a_parameter_on_one_line_and_null_where_there_is_none() -> None:
     text = model_text(a_model())
     assert "\n  dead_time: {value: 0.1234, std: 2.5e-05, unit: s}\n" in text
     assert "\n  time_constant_1: {value: null, std: null, unit: s}\n" in text
+    assert "\n    cornering_stiffness: {value: 250000.0, std: 3000.0, unit: N/rad}\n" in text
     assert text.startswith("schema: ident.model/1\n")
 
 
@@ -66,6 +88,8 @@ def test_leaves_out_the_parts_that_it_does_not_have() -> None:
     [
         ("gain:", "gian:", "unknown key 'steering.gian': did you mean 'gain'?"),
         ("ident.model/1", "ident.model/9", "schema: input should be 'ident.model/1', not 'ident.model/9'"),
+        ("kind: linear", "kind: round", "tyres.kind: input should be"),
+        ("reference_point: rear_axle", "reference_point: roof", "reference_point: input should be"),
         ("value: 0.1234", "value: much", "steering.dead_time.value: input should be a valid number"),
         ("value: 0.1234", "value: .nan", "steering.dead_time.value is nan, need a finite number or null"),
         ("[-3.0e-12, 6.25e-10]", "[-3.0e-12]", "covariance has rows of [2, 1] values, need 2 rows of 2"),

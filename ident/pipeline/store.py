@@ -21,12 +21,12 @@ from pydantic import TypeAdapter, ValidationError
 
 from ident.errors import BadRecipe, UsageError
 from ident.model_file import Model, model_from, model_text, read_model
-from ident.results import SCHEMA_VERSION, InfoResult, Provenance, SteeringResult
+from ident.results import SCHEMA_VERSION, InfoResult, Provenance, SteeringResult, TyresResult
 
 if TYPE_CHECKING:
     import pandas as pd
 
-RESULTS: dict[str, type[Any]] = {"info": InfoResult, "steering": SteeringResult}
+RESULTS: dict[str, type[Any]] = {"info": InfoResult, "steering": SteeringResult, "tyres": TyresResult}
 
 _LOG_SUFFIXES = {".mcap", ".db3", ".bag", ".zstd"}
 _TABLE_NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -93,18 +93,39 @@ class Store:
     def write_model(self, stage: str, part: Mapping[str, Any], provenance: Provenance) -> Path:
         """Put what a stage has identified into ``model.yaml`` and keep what other stages wrote there.
 
-        A key of ``part`` replaces that key as a whole: a stage that fits parameters together with
-        those of another gives the covariance of all of them.
+        A key of ``part`` replaces that key as a whole, but for ``noise`` (signal by signal) and the
+        covariance: parameters of other parts than those in ``part`` stay, as fitted independently of them.
         """
         known = {key: value for key, value in plain(self.read_model()).items() if value not in (None, {}, [])}
-        written = known.get("provenance", {}) | {stage: plain(provenance)}
-        model = model_from({**known, **plain(part), "provenance": written}, f"model of {stage}")
+        new = plain(part)
+        merged = {
+            **known,
+            **new,
+            "noise": known.get("noise", {}) | new.get("noise", {}),
+            "provenance": known.get("provenance", {}) | {stage: plain(provenance)},
+            **_covariances(known, new),
+        }
+        model = model_from(merged, f"model of {stage}")
         return self._write_text(self.model_path, model_text(model))
 
     def _write_text(self, path: Path, text: str) -> Path:
         with atomic(path) as temporary:
             temporary.write_text(text, encoding="utf-8", newline="\n")
         return path
+
+
+def _covariances(known: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    """Put the covariance of what a stage has fitted after that of the parts it did not touch.
+
+    A parameter belongs to the part that its name begins with: "tyres.front.cornering_stiffness" to "tyres".
+    """
+    before, after = known.get("parameters", []), new.get("parameters", [])
+    kept = [
+        index for index, name in enumerate(before) if name.partition(".")[0] not in new and name not in after
+    ]
+    rows = [[known["covariance"][i][j] for j in kept] + [0.0] * len(after) for i in kept]
+    rows += [[0.0] * len(kept) + list(row) for row in new.get("covariance", [])]
+    return {"parameters": [*(before[i] for i in kept), *after], "covariance": rows}
 
 
 @contextlib.contextmanager

@@ -125,6 +125,31 @@ def test_the_model_keeps_what_another_stage_wrote(tmp_path: Path) -> None:
     assert {stage: written.seed for stage, written in model.provenance.items()} == {"other": 1, "steering": 2}
 
 
+def test_parameters_of_other_parts_stay_beside_those_of_a_stage(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.write_model("steering", a_part(0.1) | {"noise": {"steering_wheel_angle": {"std": 0.1}}}, PROVENANCE)
+    before = store.read_model()
+    value = {"value": 1.0, "std": 2.0, "unit": "1"}
+    tyres = {
+        "tyres": {"kind": "linear", "front": {"a": value}, "rear": {"b": value}},
+        "parameters": ["tyres.front.a", "tyres.rear.b"],
+        "covariance": [[4.0, 1.0], [1.0, 4.0]],
+        "noise": {"yaw_rate": {"std": 0.01}},
+    }
+    for part in (tyres | {"parameters": ["tyres.front.old"], "covariance": [[9.0]]}, tyres):
+        store.write_model("tyres", part, PROVENANCE)
+    model = store.read_model()
+    assert model.steering == before.steering
+    assert list(model.noise) == ["steering_wheel_angle", "yaw_rate"]
+    assert model.parameters == [*before.parameters, "tyres.front.a", "tyres.rear.b"]
+    size = len(before.parameters)
+    assert [row[:size] for row in model.covariance[:size]] == before.covariance
+    assert [row[size:] for row in model.covariance[size:]] == [[4.0, 1.0], [1.0, 4.0]]
+    assert [row[size:] for row in model.covariance[:size]] == [[0.0, 0.0]] * size
+    store.write_model("steering", a_part(0.2), PROVENANCE)
+    assert store.read_model().parameters == ["tyres.front.a", "tyres.rear.b", *before.parameters]
+
+
 def test_refuses_to_write_a_model_that_could_not_be_read(tmp_path: Path) -> None:
     with pytest.raises(BadRecipe, match="model of steering: covariance has rows"):
         Store(tmp_path).write_model("steering", a_part(0.1) | {"parameters": []}, PROVENANCE)
