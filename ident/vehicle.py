@@ -1,8 +1,18 @@
-"""The vehicle file: what an engineer knows about the truck. All of it is optional."""
+"""The vehicle file: what an engineer knows about the truck. All of it is optional.
+
+A value may state how well it is known. The number after the sign is one standard deviation, in a unit of its
+own or in per cent of the value; the long form says the same:
+
+    mass: 12500 kg ± 300 kg            # or +-, or +/-
+    mass: 12500 kg +- 3 %
+    mass: {value: 12500 kg, std: 300 kg}
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal, get_args
@@ -22,6 +32,9 @@ UNITS = {
     "track": "m",
     "cg_height": "m",
 }
+RATIO = "steering_ratio"
+_PLUS_MINUS = re.compile(r"\s*(?:±|\+/?-)\s*")
+_PER_CENT = re.compile(r"(.*?)\s*(?:%|percent)\s*")
 
 
 @dataclass(frozen=True)
@@ -34,6 +47,7 @@ class Vehicle:
     reference_point : the point that logged poses and velocities refer to
     imu_position : from the CG, x forward, y left, z up [m]
     tyres : path of a .tir file
+    std : name of a value above -> its standard deviation in the same unit, only where the file states it
     """
 
     mass: float | None = None
@@ -46,6 +60,7 @@ class Vehicle:
     reference_point: ReferencePoint | None = None
     imu_position: Point | None = None
     tyres: Path | None = None
+    std: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def wheelbase(self) -> float | None:
@@ -63,32 +78,66 @@ def read_vehicle(path: Path) -> Vehicle:
     BadRecipe
         For an unknown key, naming the nearest valid one, and for a wrong value or unit.
     """
-    valid = [field.name for field in fields(Vehicle)]
+    valid = [each.name for each in fields(Vehicle) if each.name != "std"]
     found: dict[str, object] = {}
+    std: dict[str, float] = {}
     for key, value in read_yaml(path).items():
         if key not in valid:
             raise BadRecipe(f"{path}: unknown key {key!r}, {nearest(str(key), valid)}")
         try:
-            found[key] = _read(key, value, path)
+            found[key], known = _read(key, value, path)
         except BadRecipe as error:
             raise BadRecipe(f"{path}: {error}") from error
-    return Vehicle(**found)  # type: ignore[arg-type]
+        if known is not None:
+            std[key] = known
+    return Vehicle(**found, std=std)  # type: ignore[arg-type]
 
 
-def _read(key: str, value: object, path: Path) -> object:
-    if key in UNITS:
-        return _positive(parse_quantity(value, unit=UNITS[key], quantity=key), key)
-    if key == "steering_ratio":
-        return _steering_ratio(value)
+def _read(key: str, value: object, path: Path) -> tuple[object, float | None]:
+    """Value of a key, and its standard deviation where that is stated."""
+    if key == RATIO and isinstance(value, list):
+        return _steering_table(value), None
+    if key in {*UNITS, RATIO}:
+        return _known_value(key, value, UNITS.get(key, "1"))
     if key == "reference_point":
         if value not in get_args(ReferencePoint):
             raise BadRecipe(f"{key}: {value!r} is not one of {', '.join(get_args(ReferencePoint))}")
-        return value
+        return value, None
     if key == "imu_position":
         if not isinstance(value, list) or len(value) != 3:
             raise BadRecipe(f"{key}: {value!r} is no point, need such as [0.5 m, 0 m, 0.2 m] from the CG")
-        return tuple(parse_quantity(part, unit="m", quantity=key) for part in value)
-    return _tyres(value, path)
+        return tuple(parse_quantity(part, unit="m", quantity=key) for part in value), None
+    return _tyres(value, path), None
+
+
+def _known_value(key: str, given: object, unit: str) -> tuple[float, float | None]:
+    text, spread = _value_and_spread(key, given, unit)
+    value = _positive(parse_quantity(text, unit=unit, quantity=key), key)
+    if spread is None:
+        return value, None
+    relative = _PER_CENT.fullmatch(str(spread))
+    if relative is not None:
+        std = value * parse_quantity(relative[1], unit="1", quantity=f"{key}: std in per cent") / 100
+    else:
+        std = parse_quantity(spread, unit=unit, quantity=f"{key}: std")
+    if std < 0:
+        raise BadRecipe(f"{key}: the standard deviation {std:g} is negative")
+    return value, std
+
+
+def _value_and_spread(key: str, given: object, unit: str) -> tuple[object, object | None]:
+    """What stands for the value and what for its standard deviation, as given."""
+    if isinstance(given, Mapping):
+        if set(given) not in ({"value"}, {"value", "std"}):
+            raise BadRecipe(
+                f"{key}: {', '.join(map(str, given)) or 'nothing'} given, need value and std, such as "
+                f"{{value: 1 {unit}, std: 0.1 {unit}}}"
+            )
+        return given["value"], given.get("std")
+    parts = _PLUS_MINUS.split(str(given)) if isinstance(given, str) else [given]
+    if len(parts) > 2:
+        raise BadRecipe(f"{key}: {given!r} states more than one spread, need such as '1 {unit} ± 0.1 {unit}'")
+    return parts[0], parts[1] if len(parts) == 2 else None
 
 
 def _positive(value: float, key: str) -> float:
@@ -97,9 +146,7 @@ def _positive(value: float, key: str) -> float:
     return value
 
 
-def _steering_ratio(value: object) -> float | tuple[tuple[float, float], ...]:
-    if not isinstance(value, list):
-        return _positive(parse_quantity(value, unit="1", quantity="steering_ratio"), "steering_ratio")
+def _steering_table(value: list[object]) -> tuple[tuple[float, float], ...]:
     rows = [row for row in value if isinstance(row, list) and len(row) == 2]
     if len(rows) != len(value) or len(rows) < 2:
         raise BadRecipe(

@@ -52,6 +52,39 @@ def test_the_steering_ratio_may_be_a_table_of_angles(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("text", "value", "std"),
+    [
+        ("mass: 12500 kg ± 300 kg", 12500.0, 300.0),
+        ("mass: 12500 kg +- 3 %", 12500.0, 375.0),
+        ("mass: 12.5 t+/-0.3 t", 12500.0, 300.0),
+        ("mass: 1.25e+4 kg ± 3e-1 t", 12500.0, 300.0),
+        ("mass: {value: 12500 kg, std: 300 kg}", 12500.0, 300.0),
+        ("mass: {value: 12500 kg, std: 3 %}", 12500.0, 375.0),
+        ("mass: 12500 kg ± 0 kg", 12500.0, 0.0),
+    ],
+)
+def test_a_value_may_state_its_standard_deviation(tmp_path, text, value, std):
+    vehicle = read(tmp_path, text)
+    assert vehicle.mass == pytest.approx(value, rel=1e-12)
+    assert vehicle.std == {"mass": pytest.approx(std, rel=1e-12)}
+
+
+def test_only_what_is_stated_has_a_standard_deviation(tmp_path):
+    vehicle = read(
+        tmp_path,
+        "mass: 12500 kg\nyaw_inertia: {value: 50000 kg m^2}\ncg_to_front_axle: 2.38 m ± 20 mm\n"
+        "cg_height: 1.1 m +- 10 %\nsteering_ratio: 20.5 ± 0.2\n",
+    )
+    assert vehicle.yaw_inertia == 50000.0
+    assert vehicle.steering_ratio == 20.5
+    assert vehicle.std == {
+        "cg_to_front_axle": pytest.approx(0.02),
+        "cg_height": pytest.approx(0.11),
+        "steering_ratio": pytest.approx(0.2),
+    }
+
+
+@pytest.mark.parametrize(
     ("text", "reason"),
     [
         ("mas: 3 kg", "unknown key 'mas', did you mean 'mass'?"),
@@ -68,6 +101,13 @@ def test_the_steering_ratio_may_be_a_table_of_angles(tmp_path):
         ),
         ("steering_ratio: [[1 rad, 1 rad], [0 rad, 2 rad]]", "must rise from row to row"),
         ("steering_ratio: [[1, 0.1], [2, 0.2]]", "steering_ratio: '1' is no quantity with a unit"),
+        ("mass: 12500 kg ± -3 kg", "mass: the standard deviation -3 is negative"),
+        ("mass: 12500 kg ± 300", "mass: std: '300' is no quantity with a unit"),
+        ("mass: 12500 kg ± 3 m", "mass: std: unit 'm' does not fit, need a unit of 'kg'"),
+        ("mass: 12500 kg ± 3 kg ± 4 kg", "states more than one spread, need such as '1 kg ± 0.1 kg'"),
+        ("mass: 12500 kg ± x %", "mass: std in per cent: 'x' is no quantity"),
+        ("mass: {std: 300 kg}", "mass: std given, need value and std, such as {value: 1 kg, std: 0.1 kg}"),
+        ("mass: {value: 1 kg, sdt: 1 kg}", "mass: value, sdt given, need value and std"),
         ("tyres: gone.tir", "tyres: there is no file"),
         ("mass: 1 kg\nmass: 2 kg", "is not YAML"),
         ("- mass", "need a mapping"),
