@@ -33,7 +33,7 @@ from generator.motion_sets import MotionSet, channel_of, motion_set, noise_free 
 from generator.runs import TRIPS, Trip, driver_run, drivers_inputs  # noqa: E402
 from generator.sensors import generator  # noqa: E402
 from generator.truth import Planar, Truth, load_truth  # noqa: E402
-from generator.vehicle import STEP, simulate  # noqa: E402
+from generator.vehicle import STEP, Motion, simulate  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
 Array = NDArray[np.float64]
@@ -102,23 +102,33 @@ def windows(trip: Driven, truck: Planar, length: float) -> list[Window]:
     count = max(1, round(trip.duration / length))
     edges = np.round(np.linspace(0.0, trip.duration, count + 1) / STEP) * STEP
     states = _simulate(trip, truck, Window(0.0, trip.duration, trip.start), 0.0).states
-    return [
-        Window(float(begin), float(end), states[round(begin / STEP)])
-        for begin, end in pairwise(edges)
-    ]
+    return [Window(float(begin), float(end), states[round(begin / STEP)]) for begin, end in pairwise(edges)]
 
 
-def _simulate(trip: Driven, truck: Planar, window: Window, offset: float) -> object:
+def half_steps(window: Window) -> Array:
+    """(2 n + 1,) times at which the inputs of a window are wanted [s]."""
     steps = round((window.end - window.begin + MARGIN) / STEP)
-    time = window.begin + STEP / 2.0 * np.arange(2 * steps + 1)
-    wheel = trip.wheel(time) + truck.steering_ratio * offset
-    inputs = np.column_stack([wheel, trip.speed(time), trip.speed_rate(time)])
+    return window.begin + STEP / 2.0 * np.arange(2 * steps + 1)
+
+
+def inputs_at(trip: Driven, time: Array) -> Array:
+    """(n, 3) steering-wheel angle [rad], speed [m/s] and its derivative [m/s²]."""
+    return np.column_stack([trip.wheel(time), trip.speed(time), trip.speed_rate(time)])
+
+
+def _simulate(trip: Driven, truck: Planar, window: Window, offset: float) -> Motion:
+    inputs = inputs_at(trip, half_steps(window))
+    inputs[:, 0] += truck.steering_ratio * offset
     return simulate(truck, window.state, window.begin, inputs)
 
 
 def outputs(trip: Driven, truck: Planar, window: Window, offset: float = 0.0) -> dict[str, Array]:
     """Noise-free outputs at the stamps inside a window; ``offset`` adds to the road-wheel angle [rad]."""
-    motion = _simulate(trip, truck, window, offset)
+    return seen(trip, truck, window, _simulate(trip, truck, window, offset))
+
+
+def seen(trip: Driven, truck: Planar, window: Window, motion: Motion) -> dict[str, Array]:
+    """Noise-free outputs of a motion at the stamps inside a window."""
     rear, imu = rear_axle_signals(truck, motion), imu_signals(truck, motion)
     signals = {
         "yaw_rate": imu["yaw_rate"],
