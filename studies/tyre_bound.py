@@ -8,10 +8,10 @@ best: with all parameters free, with some of them known, and with weak beliefs a
 
 Derivatives are central differences of the generator's own outputs (yaw rate, lateral acceleration at the
 inertial unit, lateral velocity, heading and position of the rear axle), and the noise is what the generator
-adds, with its exact autocovariance on the sample index. Unknown beside the tyres: a bias of yaw rate, lateral
-acceleration and heading, an offset of the steering, and the state at the start of every window. Steering and
-speed count as known, which the fit does not have: it sees them through sensors, so it can only do worse.
-Nothing of ``ident`` takes part.
+adds, with its exact autocovariance on the sample index. Unknown beside the tyres: an offset of the steering,
+in each run a bias of yaw rate, lateral acceleration and heading, and the state at the start of every window.
+Steering and speed count as known, which the fit does not have: it sees them through sensors, so it can only
+do worse (``tyre_inputs.py`` says by how much). Nothing of ``ident`` takes part.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ TYRE = ("stiffness", "shape", "peak", "curvature")
 PARAMETERS = (*(f"front.{name}" for name in TYRE), *(f"rear.{name}" for name in TYRE), "yaw_inertia")
 OUTPUTS = ("yaw_rate", "lateral_acceleration", "lateral_velocity", "heading", "position_x", "position_y")
 BIASED = ("yaw_rate", "lateral_acceleration", "heading")
-COMMON = (*PARAMETERS, "steering_offset", *(f"bias.{name}" for name in BIASED))
+COMMON = (*PARAMETERS, "steering_offset")
+OF_RUN = tuple(f"bias.{name}" for name in BIASED)
 RELATIVE_STEP = 1e-4
 STATE_STEPS = (1e-4, 1e-5, 1e-3, 1e-3, 1e-5)  # of v_y, r, x, y, ψ at the start
 OFFSET_STEP = 1e-5  # [rad] at the road wheel
@@ -143,7 +144,7 @@ def seen(trip: Driven, truck: Planar, window: Window, motion: Motion) -> dict[st
 
 
 def derivatives(trip: Driven, truck: Planar, window: Window) -> dict[str, Array]:
-    """(n, len(COMMON) + 5) derivative of each output to the parameters and the state at the start."""
+    """(n, COMMON, OF_RUN and 5) derivative of each output to all that is unknown in a window."""
     columns: list[dict[str, Array]] = []
     for name in PARAMETERS:
         value = value_of(truck, name)
@@ -172,33 +173,38 @@ def _slope(
 
 
 def information(trips: Sequence[Driven], truth: Truth, length: float) -> Array:
-    """Fisher information of ``COMMON`` from all trips, the states at the starts of windows eliminated."""
-    size = len(COMMON)
-    total = np.zeros((size, size))
-    for trip in trips:
-        total += _without_starts(_trip_information(trip, truth, length), size)
-    return total
+    """Fisher information of ``COMMON`` from all trips; biases and states at the starts are eliminated."""
+    return np.sum([reduced(trip_information(trip, truth, length)) for trip in trips], axis=0)
 
 
-def _trip_information(trip: Driven, truth: Truth, length: float) -> Array:
-    """Information of ``COMMON`` and five start values a window, noise correlated across the windows."""
+def trip_information(trip: Driven, truth: Truth, length: float) -> Array:
+    """Information of ``COMMON``, ``OF_RUN`` and five start values a window, all windows together."""
+    total = 0.0
+    for white in whitened_design(trip, truth, length).values():
+        total = total + white.T @ white
+    return np.asarray(total)
+
+
+def whitened_design(trip: Driven, truth: Truth, length: float) -> dict[str, Array]:
+    """Derivatives of each output to all that is unknown in a trip, with noise made white across windows."""
     parts = [derivatives(trip, truth.planar, window) for window in windows(trip, truth.planar, length)]
-    common, local = len(COMMON), len(AT_START)
-    total = np.zeros((common + local * len(parts),) * 2)
-    for output in OUTPUTS:
-        rows = [len(part[output]) for part in parts]
-        columns = np.zeros((sum(rows), len(total)))
-        for number, (part, end) in enumerate(zip(parts, np.cumsum(rows), strict=True)):
-            own = slice(end - rows[number], end)
-            columns[own, :common] = part[output][:, :common]
-            first = common + local * number
-            columns[own, first : first + local] = part[output][:, common:]
-        white = whitened(columns, channel_of(truth, output))
-        total += white.T @ white
-    return total
+    return {output: whitened(_design(parts, output), channel_of(truth, output)) for output in OUTPUTS}
 
 
-def _without_starts(full: Array, size: int) -> Array:
+def _design(parts: Sequence[dict[str, Array]], output: str) -> Array:
+    common, local = len(COMMON) + len(OF_RUN), len(AT_START)
+    ends = np.cumsum([0, *(len(part[output]) for part in parts)])
+    columns = np.zeros((ends[-1], common + local * len(parts)))
+    for number, (part, (begin, end)) in enumerate(zip(parts, pairwise(ends), strict=True)):
+        first = common + local * number
+        columns[begin:end, :common] = part[output][:, :common]
+        columns[begin:end, first : first + local] = part[output][:, common:]
+    return columns
+
+
+def reduced(full: Array) -> Array:
+    """Information of ``COMMON`` where nothing is known of the rest."""
+    size = len(COMMON)
     cross = full[:size, size:]
     return full[:size, :size] - cross @ scaled_inverse(full[size:, size:]) @ cross.T
 

@@ -42,6 +42,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve, toeplitz  # noqa: E4
 from tyre_bound import (  # noqa: E402
     CASES,
     COMMON,
+    OF_RUN,
     OUTPUTS,
     PARAMETERS,
     Driven,
@@ -95,7 +96,7 @@ def stamps_around(times: Array, window: Window) -> Array:
 
 
 def window_sums(task: tuple[str, float, int]) -> list[list[list[float]]]:
-    """For each of ``WAYS``: A = D' W D and B = D' W S W D of one window, starts eliminated by D."""
+    """For each of ``WAYS``: A = D' W D and B = D' W S W D of one window, without its start."""
     name, length, number = task
     truth = load_truth()
     trip = driven(TRIPS[name], truth, 1, name)
@@ -127,14 +128,15 @@ def _covariance(truth: Truth, signal: str, size: int) -> Array:
 
 
 def _sums(design: Array, assumed: Array, actual: Array) -> tuple[Array, Array]:
-    """D' W D and D' W S W D after the start values are eliminated as the assumed weights W do it."""
     weighted = cho_solve(cho_factor(assumed), design)
-    full = design.T @ weighted
-    spread = weighted.T @ actual @ weighted
-    size = len(COMMON)
-    removed = np.eye(len(full))[:, :size]
-    removed[size:] = -scaled_inverse(full[size:, size:]) @ full[size:, :size]
-    return removed.T @ full @ removed, removed.T @ spread @ removed
+    return without_last(design.T @ weighted, weighted.T @ actual @ weighted, len(COMMON) + len(OF_RUN))
+
+
+def without_last(weights: Array, spread: Array, size: int) -> tuple[Array, Array]:
+    """A and B for the first ``size`` unknowns, where the weights A determine the rest."""
+    removed = np.eye(len(weights))[:, :size]
+    removed[size:] = -scaled_inverse(weights[size:, size:]) @ weights[size:, :size]
+    return removed.T @ weights @ removed, removed.T @ spread @ removed
 
 
 def deviations(sums: Array, spread: Array, known: Sequence[str], beliefs: dict[str, float]) -> Array:
@@ -144,6 +146,15 @@ def deviations(sums: Array, spread: Array, known: Sequence[str], beliefs: dict[s
     inverse = scaled_inverse((sums + prior)[np.ix_(free, free)])
     count = sum(COMMON[i] in PARAMETERS for i in free)
     return (inverse @ (spread + prior)[np.ix_(free, free)] @ inverse)[:count, :count]
+
+
+def summed(runs: Sequence[str], parts: Sequence[list[list[list[float]]]]) -> Array:
+    """(4, 2, n, n) A and B of every way over all windows, the biases of each run eliminated."""
+    total = 0.0
+    for run in set(runs):
+        own = np.sum([part for name, part in zip(runs, parts, strict=True) if name == run], axis=0)
+        total = total + np.array([without_last(weights, spread, len(COMMON)) for weights, spread in own])
+    return np.asarray(total)
 
 
 def main() -> None:
@@ -157,8 +168,8 @@ def main() -> None:
     count = round(TRIPS[names[0]].duration / options.window)
     tasks = [(name, options.window, number) for number in range(count) for name in names][: options.windows]
     with ProcessPoolExecutor(options.jobs) as pool:
-        parts = [np.array(part) for part in pool.map(window_sums, tasks)]
-    total = np.sum(parts, axis=0)
+        parts = list(pool.map(window_sums, tasks))
+    total = summed([task[0] for task in tasks], parts)
     truck = load_truth().planar
     print(f"{len(tasks)} windows of {options.window:g} s: relative standard deviations [%]")
     for case, (known, beliefs) in CASES.items():
