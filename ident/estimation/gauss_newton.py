@@ -58,8 +58,14 @@ class Point(Protocol):
 P = TypeVar("P", bound=Point)
 
 
-def minimise(point: P, iterations: int = MAX_ITERATIONS) -> tuple[P, Array, bool]:
+def minimise(
+    point: P, iterations: int = MAX_ITERATIONS, *, negligible: float = NEGLIGIBLE
+) -> tuple[P, Array, bool]:
     """Minimise from a point on.
+
+    Parameters
+    ----------
+    negligible : gain of 2 log likelihood that is no gain
 
     Returns
     -------
@@ -76,7 +82,7 @@ def minimise(point: P, iterations: int = MAX_ITERATIONS) -> tuple[P, Array, bool
             return point, triangle, damping > 1
         size = float(np.linalg.norm(triangle @ (tried.shared - point.shared)))
         gained, point = point.value - tried.value, tried
-        done = size < CONVERGED * point.std or gained < NEGLIGIBLE * point.std**2
+        done = size < CONVERGED * point.std or gained < negligible * point.std**2
         idle = idle + 1 if done else 0
         if done and (damping <= MILD or idle >= IDLE):
             return point, triangle, True

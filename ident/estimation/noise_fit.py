@@ -36,7 +36,7 @@ OUTSIDE = 1e12  # in place of -2 log L where the noise is not stationary
 RIDGE = 1e-9  # of each diagonal element of a Gram matrix
 ROUNDING = 1e-14
 RANK_TOLERANCE = 1e-6
-FLAT = 1e-3  # slope of -2 log L at which the search ends
+FLAT = 1e-3  # slope of -2 log L at which the search ends, in standard deviations of the coefficients
 SHORTEST_CORRELATION = 0.05  # of the median sampling interval: white
 LONGEST_CORRELATION = 500.0  # of the median sampling interval
 
@@ -144,15 +144,14 @@ class _RestrictedLikelihood:
         width = self.shared + 1
         reduced, reduced_slopes = np.zeros((width, width)), np.zeros((coefficients.size, width, width))
         for product in self.products:
-            matrix = np.einsum("i,j,rijab->rab", phi, phi, product.lagged, optimize=True)
-            half = np.einsum("j,rijab->irab", phi, product.lagged[:, 1:], optimize=True)
+            matrix, half = _weighted(product.lagged, phi)
             slopes = -(half + half.swapaxes(-1, -2))
             floor = ROUNDING * float(np.abs(phi).sum()) ** 2 * product.lagged[:, 0, 0]
             own, change, schur, lift = _eliminated(matrix, floor, slopes, product.local)
             logdet += own
             slope += change
             reduced += schur.sum(axis=0)
-            reduced_slopes += np.einsum("rab,irac,rcd->ibd", lift, slopes, lift, optimize=True)
+            reduced_slopes += (lift.swapaxes(-1, -2) @ slopes @ lift).sum(axis=1)
         return self._finish(reduced, reduced_slopes, logdet, slope)
 
     def _finish(
@@ -163,9 +162,18 @@ class _RestrictedLikelihood:
             reduced[None], ROUNDING * np.abs(reduced)[None], reduced_slopes[:, None], reduced.shape[0] - 1
         )
         rss = max(float(schur[0, 0, 0]), np.finfo(float).tiny)
-        along = np.einsum("ab,iac,cd->i", lift[0], reduced_slopes, lift[0], optimize=True)
+        along = (lift[0].T @ reduced_slopes @ lift[0])[:, 0, 0]
         value = self.freedom * np.log(rss) + logdet + own
         return value, slope + change + self.freedom / rss * along
+
+
+def _weighted(lagged: Array, phi: Array) -> tuple[Array, Array]:
+    """Return (r, c, c) sum_ij phi_i phi_j D_ij, and (p, r, c, c) sum_j phi_j D_ij for i from one on."""
+    records, size, _, width, _ = lagged.shape
+    flat = lagged.reshape(records, size, size, width * width)
+    rows = phi @ flat
+    matrix = (phi @ rows).reshape(records, width, width)
+    return matrix, rows[:, 1:].swapaxes(0, 1).reshape(size - 1, records, width, width)
 
 
 def _eliminated(matrix: Array, floor: Array, slopes: Array, cut: int) -> tuple[float, Array, Array, Array]:
@@ -190,7 +198,7 @@ def _eliminated(matrix: Array, floor: Array, slopes: Array, cut: int) -> tuple[f
     logdet = float(np.linalg.slogdet(inner)[1].sum())
     across = -np.linalg.solve(inner, matrix[:, :cut, cut:])
     inverse = np.linalg.inv(inner)
-    change = np.einsum("rab,irba->i", inverse, slopes[:, :, :cut, :cut], optimize=True)
+    change = np.einsum("rab,irba->i", inverse, slopes[:, :, :cut, :cut])
     schur = matrix[:, cut:, cut:] + matrix[:, cut:, :cut] @ across
     return logdet, np.asarray(change), schur, np.concatenate([across, rest], axis=1)
 
@@ -232,8 +240,9 @@ def _refitted(records: Sequence[Linearised], like: AutoRegression) -> AutoRegres
 def _minimised(objective: _RestrictedLikelihood, start: Array) -> tuple[Array, float]:
     if start.size == 0:
         return start, objective(start)[0]
+    flat = FLAT * np.sqrt(objective.freedom)
     with np.errstate(all="ignore"):  # the line search may try poles at the border
-        found = minimize(objective, start, jac=True, method="BFGS", options={"gtol": FLAT})
+        found = minimize(objective, start, jac=True, method="BFGS", options={"gtol": flat})
     return np.asarray(found.x, dtype=np.float64), float(found.fun)
 
 

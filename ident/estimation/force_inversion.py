@@ -1,0 +1,109 @@
+"""Axle forces from the motion alone, with the slip angles at which they act.
+
+    F_yf = (I_z ṙ + l_r m a_y)/(L cos δ)          α_f = δ - atan((v_y + l_f r)/v_x)
+    F_yr = (l_f m a_y - I_z ṙ)/L                  α_r = -atan((v_y - l_r r)/v_x)
+
+with a_y, v_y of the centre of gravity (see ``smooth_motion`` for the bandwidth). No tyre model is needed, so
+the points show what the tyres did; forces are those of the whole axle. Their scale is that of the mass: a
+mass 3 % too large gives forces 3 % too large. A bank of the road shows in both forces, an offset of the
+steering in the slip angle of the front axle only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.estimation.smooth_motion import SmoothMotion, rear_force, smooth_motion, usual_inertia
+from ident.estimation.tyre_fit import Body
+from ident.estimation.vehicle_records import MotionRecord
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class ForcePoints:
+    """Forces and slip angles of both axles, one row an instant, all windows one after another.
+
+    run : (n,) index of the run; times : (n,) since the start of the run [s]
+    front_slip_angle, rear_slip_angle : (n,) [rad]; front_force, rear_force : (n,) [N]
+    lateral_acceleration : (n,) of the CG [m/s²]; yaw_acceleration : (n,) [rad/s²]
+    valid : (n,) where all of it comes from samples nearby
+    slip_sources : where the lateral velocity comes from
+    """
+
+    run: NDArray[np.intp]
+    times: Array
+    front_slip_angle: Array
+    rear_slip_angle: Array
+    front_force: Array
+    rear_force: Array
+    lateral_acceleration: Array
+    yaw_acceleration: Array
+    valid: Mask
+    slip_sources: tuple[str, ...]
+
+    def slip_angle(self, axle: str) -> Array:
+        """Slip angle of the "front" or the "rear" axle [rad]."""
+        return self.front_slip_angle if axle == "front" else self.rear_slip_angle
+
+    def force(self, axle: str) -> Array:
+        """Force of the "front" or the "rear" axle [N]."""
+        return self.front_force if axle == "front" else self.rear_force
+
+
+def invert_forces(
+    records: Sequence[MotionRecord],
+    body: Body,
+    *,
+    yaw_inertia: float | None = None,
+    bias: Mapping[str, float] | None = None,
+) -> ForcePoints:
+    """Forces and slip angles of both axles.
+
+    Parameters
+    ----------
+    yaw_inertia : [kg m²]; None: as stated for the body, else m l_f l_r
+    bias : signal -> what is subtracted from it; "steering_offset" -> what is added to the road-wheel angle
+    """
+    motions = smooth_motion(records, body, bias)
+    return points_of(motions, body, usual_inertia(body) if yaw_inertia is None else yaw_inertia)
+
+
+def points_of(motions: Sequence[SmoothMotion], body: Body, yaw_inertia: float) -> ForcePoints:
+    """Forces and slip angles from motion that is smoothed already."""
+    rows = [_rows(motion, body, yaw_inertia) for motion in motions]
+    columns = [np.concatenate(parts) if parts else np.zeros(0) for parts in zip(*rows, strict=True)]
+    columns = columns or [np.zeros(0)] * 8
+    finite = np.isfinite(columns[1:]).all(axis=0) if columns[0].size else np.zeros(0, dtype=np.bool_)
+    valid = [motion.valid for motion in motions]
+    return ForcePoints(
+        np.concatenate([np.full(m.times.size, m.run) for m in motions] or [np.zeros(0)]).astype(np.intp),
+        *columns,
+        finite & (np.concatenate(valid) if valid else np.zeros(0, dtype=np.bool_)),
+        tuple(dict.fromkeys(m.slip_source for m in motions if m.slip_source)),
+    )
+
+
+def _rows(motion: SmoothMotion, body: Body, yaw_inertia: float) -> tuple[Array, ...]:
+    """Columns of ``ForcePoints`` from ``times`` to ``yaw_acceleration``."""
+    angle, speed = motion.road_wheel_angle, motion.speed
+    front_arm, rear_arm = body.cg_to_front_axle, body.cg_to_rear_axle
+    front_slip = angle - np.arctan2(motion.lateral_velocity + front_arm * motion.yaw_rate, speed)
+    rear_slip = -np.arctan2(motion.lateral_velocity - rear_arm * motion.yaw_rate, speed)
+    moment = yaw_inertia * motion.yaw_acceleration + rear_arm * body.mass * motion.lateral_acceleration
+    front = moment / (body.wheelbase * np.cos(angle))
+    rear = rear_force(motion, body, yaw_inertia)
+    return (
+        motion.times,
+        front_slip,
+        rear_slip,
+        front,
+        rear,
+        motion.lateral_acceleration,
+        motion.yaw_acceleration,
+    )

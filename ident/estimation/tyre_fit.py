@@ -1,0 +1,228 @@
+"""Fit the axle tyres of the dynamic bicycle to windows of measured motion (model matching, 2.2.5).
+
+Mass and the distances of the axles are taken as given: planar motion tells mass, yaw inertia and stiffness
+only in ratio. Fitted are the parameters of both axles, the yaw inertia, the offset of the steering and, run
+by run, the bias of each sensor. Positive parameters are fitted as logarithms.
+
+What the data hardly tell is held by a weak prior, said in ``PRIORS``: D, C and E of a Magic Formula axle are
+known only jointly until its peak is excited. Where the posterior is not much narrower than the prior, the
+parameter is called not identifiable.
+
+The state starts anew in every window of ``WINDOW`` seconds, so that what the model lacks does not pile up.
+Where nothing but noise is left in such windows, the fit goes on with whole stretches: the heading, which
+integrates what little a window tells of the steady turning, then tells most.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from ident.dynamics.bicycle import bicycle
+from ident.dynamics.engine import compiled
+from ident.dynamics.tyres import TYRES
+from ident.estimation.noise import NoiseModel
+from ident.estimation.vehicle_fit import VehicleFit, fit_vehicle, inflation
+from ident.estimation.vehicle_problem import Coordinate, RunTerm, VehiclePoint, VehicleProblem
+from ident.estimation.vehicle_records import MotionRecord, Windows, cut
+
+Array = NDArray[np.float64]
+
+GRAVITY = 9.81  # [m/s²]
+WINDOW = 10.0  # [s]
+WHOLE = 120.0  # [s] longest window
+AXLES = ("front", "rear")
+
+SENSOR_BIAS = {"yaw_rate": 0.02, "lateral_acceleration": 0.5, "lateral_velocity": 0.2, "heading": 0.1}
+STEERING_OFFSET = 0.03  # [rad] standard deviation of the prior
+BANK = {"bank_cos": 0.05, "bank_sin": 0.05}
+BANK_CALLED_FOR = 1e-4  # p-value below which the bank joins the model
+
+FRICTION = 0.8  # [-] prior of peak force over load, and of its logarithm's standard deviation
+PRIORS: dict[str, tuple[float, float]] = {
+    "peak_force": (np.nan, 0.7),
+    "shape": (np.log(1.3), 0.3),
+    "curvature": (-0.5, 2.0),
+    "saturation_slip": (np.log(0.2), 1.0),
+}
+RANGES: dict[str, tuple[float, float]] = {"shape": (0.8, 2.2), "curvature": (-10.0, 1.0)}
+
+
+@dataclass(frozen=True)
+class Body:
+    """What the fit takes as given.
+
+    mass [kg]; cg_to_front_axle, cg_to_rear_axle [m]
+    yaw_inertia : where somebody has stated it with its error, [kg m²]
+    std : name -> standard deviation of each of these, where stated
+    """
+
+    mass: float
+    cg_to_front_axle: float
+    cg_to_rear_axle: float
+    yaw_inertia: float | None = None
+    std: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def wheelbase(self) -> float:
+        """Distance of the axles [m]."""
+        return self.cg_to_front_axle + self.cg_to_rear_axle
+
+    def load(self, axle: str) -> float:
+        """Vertical load of an axle at rest [N]."""
+        other = self.cg_to_rear_axle if axle == "front" else self.cg_to_front_axle
+        return self.mass * GRAVITY * other / self.wheelbase
+
+
+@dataclass(frozen=True)
+class KindFit:
+    """One kind of tyres, fitted.
+
+    problem, fit : the windows and the estimate in coordinates
+    window : longest window [s]
+    bank : whether the bank of the road is part of the model; bank_p : the p-value that decided it
+    """
+
+    kind: str
+    body: Body
+    problem: VehicleProblem
+    fit: VehicleFit
+    window: float
+    bank: bool
+    bank_p: float
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the coordinates."""
+        return [one.name for one in self.problem.coordinates]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """All parameters of the model that the runs share."""
+        return self.problem.values(self.fit.shared)
+
+    @property
+    def criterion(self) -> float:
+        """Bayesian information criterion; the prior is not counted."""
+        rows = sum(one.residual.size for one in self.fit.point.residuals.values())
+        return -2 * self.fit.log_likelihood + self.fit.shared.size * float(np.log(rows))
+
+
+def fit_tyres(
+    records: Sequence[MotionRecord],
+    kind: str,
+    body: Body,
+    starts: Sequence[Mapping[str, float]],
+    *,
+    floor: Mapping[str, float] | None = None,
+    noise: Mapping[str, NoiseModel] | None = None,
+    window: float | None = None,
+    bank: bool | None = None,
+) -> KindFit:
+    """Fit one kind of tyres, the same on both axles.
+
+    Parameters
+    ----------
+    records : whole stretches of the runs, those of one run one after another
+    kind : in ``TYRES``
+    starts : parameter, such as "front.cornering_stiffness" or "yaw_inertia" -> value, one for each start
+    floor : signal -> least standard deviation of its noise
+    noise : of every compared signal, where it is given and not identified
+    window : [s]; None: chosen by what is left in windows of WINDOW
+    bank : whether the bank of the road is fitted; None: where the data call for it
+    """
+    if bank is None:
+        plain = fit_tyres(
+            records, kind, body, starts, floor=floor, noise=noise, window=window or WINDOW, bank=False
+        )
+        p = _p_of_bank(plain)
+        found = replace(plain, bank_p=p)
+        if p < BANK_CALLED_FOR:
+            here = [dict(plain.values)]
+            found = fit_tyres(
+                records, kind, body, here, floor=floor, noise=noise, window=window or WINDOW, bank=True
+            )
+            found = replace(found, bank_p=p)
+        return found if window is not None else _longer(records, found, floor, noise)
+    problem = _problem(records, kind, body, window or WINDOW, bank=bank)
+    coordinates = [_to_coordinates(problem, start) for start in starts]
+    fit = fit_vehicle(problem, coordinates, floor=floor, noise=noise)
+    return KindFit(kind, body, problem, fit, window or WINDOW, bank, 1.0)
+
+
+def _longer(
+    records: Sequence[MotionRecord],
+    found: KindFit,
+    floor: Mapping[str, float] | None,
+    noise: Mapping[str, NoiseModel] | None,
+) -> KindFit:
+    """Go on with whole stretches where windows leave nothing but noise, and so do the stretches."""
+    if found.fit.is_coloured or max(r.times[-1] - r.times[0] for r in records) <= WINDOW:
+        return found
+    problem = _problem(records, found.kind, found.body, WHOLE, bank=found.bank)
+    fit = fit_vehicle(problem, [found.fit.shared], floor=floor, noise=noise)
+    return found if fit.is_coloured else replace(found, problem=problem, fit=fit, window=WHOLE)
+
+
+def _problem(
+    records: Sequence[MotionRecord], kind: str, body: Body, window: float, *, bank: bool
+) -> VehicleProblem:
+    windows = Windows([part for record in records for part in cut(record, window)])
+    given = ("mass", "cg_to_front_axle", "cg_to_rear_axle")
+    fixed = {name: float(getattr(body, name)) for name in given}
+    terms = [RunTerm(name, std) for name, std in SENSOR_BIAS.items()]
+    if bank:
+        terms += [RunTerm(name, std) for name, std in BANK.items()]
+    else:
+        fixed |= dict.fromkeys(BANK, 0.0)
+    return VehicleProblem(compiled(bicycle(kind, kind)), windows, coordinates_of(kind, body), fixed, terms)
+
+
+def coordinates_of(kind: str, body: Body) -> list[Coordinate]:
+    """What is fitted: both axles, the yaw inertia, the offset of the steering."""
+    made = [_of_axle(axle, name, body) for axle in AXLES for name in TYRES[kind].names]
+    inertia = Coordinate("yaw_inertia", low=np.log(1.0), high=np.log(1e9))
+    if body.yaw_inertia is not None and "yaw_inertia" in body.std:
+        relative = body.std["yaw_inertia"] / body.yaw_inertia
+        inertia = replace(inertia, prior_mean=float(np.log(body.yaw_inertia)), prior_std=relative)
+    offset = Coordinate("steering_offset", logarithmic=False, prior_std=STEERING_OFFSET)
+    return [*made, inertia, offset]
+
+
+def _of_axle(axle: str, name: str, body: Body) -> Coordinate:
+    bounds = next(p for kind in TYRES.values() for p in kind.parameters if p.name == name)
+    low, high = RANGES.get(name, (bounds.low, bounds.high))
+    mean, std = PRIORS.get(name, (0.0, np.inf))
+    if name == "peak_force":
+        mean = float(np.log(FRICTION * body.load(axle)))
+    logarithmic = name != "curvature"
+    ends = np.log([low, high]) if logarithmic else np.array([low, high])
+    return Coordinate(f"{axle}.{name}", logarithmic, float(ends[0]), float(ends[1]), mean, std)
+
+
+def _to_coordinates(problem: VehicleProblem, start: Mapping[str, float]) -> Array:
+    return np.array([one.coordinate(start.get(one.name, 0.0)) for one in problem.coordinates])
+
+
+def _p_of_bank(found: KindFit) -> float:
+    """p-value of the hypothesis that no run has a bank, by the score at zero bank (all runs together)."""
+    records = found.problem.windows.records
+    plain = found.problem
+    terms = [*plain.run_terms, *(RunTerm(name, std) for name, std in BANK.items())]
+    fixed = {name: value for name, value in plain.fixed.items() if name not in BANK}
+    wider = VehicleProblem(plain.engine, Windows(records), plain.coordinates, fixed, terms)
+    of_runs = np.pad(found.fit.point.of_runs, ((0, 0), (0, len(BANK))))
+    point = replace(found.fit.point, problem=wider, of_runs=of_runs)
+    gained = _left(found.fit.point) - _left(point)
+    freedom = len(BANK) * wider.windows.runs
+    return float(chi2.sf(max(gained, 0.0) / inflation(found.fit), freedom))
+
+
+def _left(point: VehiclePoint) -> float:
+    """Sum of squares that a Gauss-Newton step of all parameters would leave."""
+    rest = point.triangle()[point.shared.size :, -1]
+    return float(rest @ rest)

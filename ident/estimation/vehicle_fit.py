@@ -1,0 +1,332 @@
+"""Maximum likelihood of a vehicle model on windows of measured motion, with the noise identified.
+
+The noise of each signal is AR(p) by restricted likelihood (:mod:`ident.estimation.noise_fit`), its
+correlation time held below ``LONGEST_NOISE``: what is correlated for longer is no noise of a sensor but what
+the model lacks, and a noise model that took it up would make the fit follow the fast part of the signals
+alone.
+
+The covariance is that of the Cramér-Rao bound where the whitened residuals are white over long times too.
+Where they are not, it is the sandwich of Newey and West (1987, doi:10.2307/1913610): the scores of the shared
+parameters, gathered in bins of time over all signals, with Bartlett weights over several seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from ident.estimation.elimination import eliminate, inverse_of, stacked, triangle_of
+from ident.estimation.gauss_newton import minimise
+from ident.estimation.noise import AutoRegression, Linearised, NoiseModel
+from ident.estimation.noise_fit import fit_autoregression
+from ident.estimation.vehicle_problem import Coordinate, VehiclePoint, VehicleProblem, white_noise
+
+Array = NDArray[np.float64]
+
+LONGEST_NOISE = 0.25  # [s] correlation time of a sensor's noise
+NOISE_ROUNDS = 5
+FREE_ROUNDS = 2  # rounds in which the order of the noise may still change
+FIRST_LOOK = 6  # iterations from each start before the best is followed
+BLOCK = 1.0  # [s] over which whitened residuals are summed to see slow colour
+CERTAIN = 1e-4  # p-value of that sum below which the colour is there
+BIN = 0.1  # [s] of the scores
+LONGEST_LAG = 3.0  # [s] of the scores' correlation
+SETTLED = 1e-3
+NEGLIGIBLE = 1e-3  # gain of 2 log likelihood that is no gain
+QUIET = 1e-9  # least size of a noise over the size of its signal
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class VehicleFit:
+    """The estimate.
+
+    point : the last linearisation, with parameters, residuals and noise
+    covariance : (s, s) of the coordinates
+    information : (s, s) inverse of the Cramér-Rao bound of the coordinates
+    coloured : compared signal -> p-value of the hypothesis that its whitened residual is white over BLOCK
+    capped : signals whose noise would have been correlated for longer than LONGEST_NOISE
+    log_likelihood : of the residuals, the noise as identified
+    converged : whether the last iterations met their tolerance
+    """
+
+    point: VehiclePoint
+    covariance: Array
+    information: Array
+    coloured: Mapping[str, float]
+    capped: frozenset[str]
+    log_likelihood: float
+    converged: bool
+
+    @property
+    def shared(self) -> Array:
+        """(s,) coordinates."""
+        return self.point.shared
+
+    @property
+    def is_coloured(self) -> bool:
+        """Whether anything slower than noise is left in the residuals."""
+        return bool(self.capped) or any(p < CERTAIN for p in self.coloured.values())
+
+    def rms(self) -> dict[str, float]:
+        """Root mean square of what is left of each compared signal."""
+        residuals = self.point.residuals
+        return {name: float(np.sqrt(np.mean(one.residual**2))) for name, one in residuals.items()}
+
+
+def fit_vehicle(
+    problem: VehicleProblem,
+    starts: Sequence[Array],
+    *,
+    floor: Mapping[str, float] | None = None,
+    noise: Mapping[str, NoiseModel] | None = None,
+) -> VehicleFit:
+    """Fit a vehicle model.
+
+    Parameters
+    ----------
+    problem : the model and the windows
+    starts : (s,) coordinates to begin with; the best after a few iterations is followed
+    floor : compared signal -> least standard deviation of its noise, such as resolution / sqrt 12
+    noise : of every compared signal, where it is given and not identified
+
+    Raises
+    ------
+    ValueError
+        If the model blows up from every start.
+    """
+    point = _best(problem, starts, noise)
+    capped: frozenset[str] = frozenset()
+    converged = False
+    for number in range(NOISE_ROUNDS):
+        point, _, converged = minimise(point, negligible=NEGLIGIBLE)
+        if noise is not None:
+            break
+        renewed, capped = identify_noise(point, floor or {}, keep_order=number >= FREE_ROUNDS)
+        settled = all(_alike(renewed[name], point.noise[name]) for name in renewed)
+        point = replace(point, noise=renewed)
+        if settled:
+            break
+    return _fit(point, capped, converged=converged)
+
+
+def _best(
+    problem: VehicleProblem, starts: Sequence[Array], noise: Mapping[str, NoiseModel] | None
+) -> VehiclePoint:
+    """Follow every start for a few iterations and return the best."""
+    points = [_first(problem, start, noise) for start in starts]
+    points = [point for point in points if np.isfinite(point.value)]
+    if not points:
+        raise ValueError("the model blows up from every start")
+    if len(points) == 1:
+        return points[0]
+    common = {name: points[0].noise[name] for name in points[0].noise}
+    looked = [minimise(replace(point, noise=common), FIRST_LOOK)[0] for point in points]
+    best = min(looked, key=lambda point: point.value)
+    return best if noise is not None else replace(best, noise=_rough_noise(best))
+
+
+def _first(problem: VehicleProblem, start: Array, noise: Mapping[str, NoiseModel] | None) -> VehiclePoint:
+    of_runs = np.zeros((problem.windows.runs, len(problem.run_terms)))
+    point = VehiclePoint(problem, problem.inside(start), of_runs, problem.initial_local(), {})
+    return replace(point, noise=noise or _rough_noise(point))
+
+
+def _rough_noise(point: VehiclePoint) -> dict[str, NoiseModel]:
+    """White noise of the size of the residual, each window's initial state apart."""
+    made = {}
+    for name, one in point.residuals.items():
+        left = [eliminate(_rows(part), part.local.shape[1]).rows[:, -1] for part in point.linearised(name)]
+        size = float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
+        made[name] = white_noise(max(size, QUIET * float(np.abs(one.samples.values).max()), 1e-300))
+    return made
+
+
+def _rows(part: Linearised) -> Array:
+    return np.column_stack([part.local, part.residual])
+
+
+def identify_noise(
+    point: VehiclePoint, floor: Mapping[str, float], *, keep_order: bool
+) -> tuple[dict[str, NoiseModel], frozenset[str]]:
+    """Noise of each compared signal, and the signals for which the cap of the correlation time held."""
+    made, capped = {}, set()
+    for name, one in point.residuals.items():
+        parts = point.linearised(name)
+        like = point.noise[name].shape if keep_order else None
+        shape = fit_autoregression(parts, like)
+        if shape.correlation_samples() * one.samples.period > LONGEST_NOISE:
+            shape = _shortened(shape, one.samples.period)
+            capped.add(name)
+        least = max(floor.get(name, 0.0), QUIET * float(np.abs(one.samples.values).max()), 1e-300)
+        std = max(_innovation_std(parts, shape), least / shape.total_over_innovations())
+        made[name] = NoiseModel(shape, std)
+    return made, frozenset(capped)
+
+
+def _shortened(shape: AutoRegression, period: float) -> AutoRegression:
+    """Draw the poles in until the slowest decays in LONGEST_NOISE."""
+    factor = np.exp(-period / LONGEST_NOISE) / shape.largest_pole()
+    return AutoRegression(shape.coefficients * factor ** np.arange(1, shape.coefficients.size + 1))
+
+
+def _innovation_std(parts: Sequence[Linearised], shape: AutoRegression) -> float:
+    """Standard deviation of the innovations, of what no fitted column of this signal can reach."""
+    left = [eliminate(shape.whiten(part.columns(), part), part.local.shape[1]) for part in parts]
+    rows = np.vstack([one.rows for one in left])
+    rest = eliminate(triangle_of(rows), rows.shape[1] - 1)
+    freedom = len(rows) - sum(one.rank for one in left) - rest.rank
+    return float(np.sqrt(np.sum(rest.rows[:, -1] ** 2) / max(1, freedom)))
+
+
+def _alike(one: NoiseModel, other: NoiseModel) -> bool:
+    return one.shape.close_to(other.shape) and abs(one.std - other.std) < SETTLED * other.std
+
+
+def _fit(point: VehiclePoint, capped: frozenset[str], *, converged: bool) -> VehicleFit:
+    triangle = point.triangle()[: point.shared.size, :-1]
+    inverse = inverse_of(triangle)
+    bread = inverse @ inverse.T
+    coloured = {name: _slow_colour(point, name) for name in point.residuals}
+    fit = VehicleFit(
+        point=point,
+        covariance=bread,
+        information=triangle.T @ triangle,
+        coloured=coloured,
+        capped=capped,
+        log_likelihood=_log_likelihood(point),
+        converged=converged,
+    )
+    return replace(fit, covariance=bread @ scatter(point) @ bread) if fit.is_coloured else fit
+
+
+def _slow_colour(point: VehiclePoint, name: str) -> float:
+    """p-value of the sums of a whitened residual over blocks of time, were it white."""
+    white, samples = point.white[name][:, -1], point.residuals[name].samples
+    length = max(2, round(BLOCK / samples.period))
+    sums = []
+    for begin, end in zip(samples.begins[:-1], samples.begins[1:], strict=True):
+        count = int(end - begin) // length
+        blocks = white[begin : begin + count * length].reshape(count, length)
+        sums.append(blocks.sum(axis=1) / np.sqrt(length))
+    total = np.concatenate(sums)
+    return float(chi2.sf(np.sum(total**2), max(1, total.size))) if total.size else 1.0
+
+
+def scatter(point: VehiclePoint) -> Array:
+    """(s, s) long-run covariance of the scores of the shared parameters, what is local eliminated."""
+    scores = [_binned_scores(point, number) for number in range(len(point.problem.windows.records))]
+    scores = _without_run_terms(point, scores)
+    size = point.shared.size
+    total = np.zeros((size, size))
+    for of_run in scores:
+        lags = min(round(LONGEST_LAG / BIN), len(of_run) // 2)
+        total += of_run.T @ of_run
+        for lag in range(1, lags + 1):
+            product = of_run[lag:].T @ of_run[:-lag]
+            total += (1 - lag / (lags + 1)) * (product + product.T)
+    return total
+
+
+def _binned_scores(point: VehiclePoint, number: int) -> Array:
+    """(bins, b + s) scores of run terms and shared parameters in one window, its initial state eliminated."""
+    record = point.problem.windows.records[number]
+    bins = max(1, int(np.ceil((record.times[-1] - record.times[0]) / BIN)))
+    rows, where = [], []
+    for name, one in point.residuals.items():
+        part = slice(int(one.samples.begins[number]), int(one.samples.begins[number + 1]))
+        rows.append(point.white[name][part])
+        where.append(((one.samples.times[part] - record.times[0]) / BIN).astype(np.intp))
+    left = eliminate(np.vstack(rows), point.problem.local).rows
+    binned = np.zeros((bins, left.shape[1] - 1))
+    np.add.at(binned, np.clip(np.concatenate(where), 0, bins - 1), left[:, :-1] * left[:, -1:])
+    return binned
+
+
+def _without_run_terms(point: VehiclePoint, windows: Sequence[Array]) -> list[Array]:
+    """(bins, s) scores of each run, freed of those of its own terms."""
+    terms, made = len(point.problem.run_terms), []
+    for run, eliminated in enumerate(point.by_run):
+        own = np.vstack([w for w, of in zip(windows, point.problem.windows.run, strict=True) if of == run])
+        to_terms = np.zeros((terms, point.shared.size))
+        for column in range(point.shared.size):
+            unit = np.zeros(point.shared.size)
+            unit[column] = 1.0
+            to_terms[:, column] = eliminated.step(unit) - eliminated.step(np.zeros_like(unit))
+        made.append(own[:, terms:] + own[:, :terms] @ to_terms)
+    return made
+
+
+def _log_likelihood(point: VehiclePoint) -> float:
+    total = 0.0
+    for name, white in point.white.items():
+        noise, samples = point.noise[name], point.residuals[name].samples
+        residual = white[:, -1]
+        total -= 0.5 * float(residual @ residual)
+        total -= residual.size * float(np.log(noise.std) + 0.5 * np.log(2 * np.pi))
+        if isinstance(noise.shape, AutoRegression):
+            head = float(np.linalg.slogdet(noise.shape.stationary_covariance())[1])
+            total -= 0.5 * samples.starts.size * head
+    return total
+
+
+def run_agreement(fit: VehicleFit) -> list[float]:
+    """p-value for each run of the hypothesis that it has the parameters that all runs have together."""
+    runs = fit.point.by_run
+    if len(runs) < 2:
+        return [1.0 for _ in runs]
+    total = inverse_of(stacked(runs)[: fit.shared.size, :-1])
+    inverse = total @ total.T
+    wider = inflation(fit)
+    made = []
+    for run in runs:
+        jacobian, residual = run.rows[:, :-1], run.rows[:, -1]
+        information, score = jacobian.T @ jacobian, jacobian.T @ residual
+        spread = information - information @ inverse @ information
+        made.append(_quadratic_p(score, spread, information, wider))
+    return made
+
+
+def _quadratic_p(score: Array, spread: Array, information: Array, inflation: float) -> float:
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    values, vectors = np.linalg.eigh(spread / np.outer(scale, scale))
+    kept = values > 1e-8 * max(float(values.max()), 1e-300)
+    along = vectors[:, kept].T @ (score / scale)
+    statistic = float(np.sum(along**2 / values[kept])) / inflation
+    return float(chi2.sf(statistic, int(kept.sum())))
+
+
+def inflation(fit: VehicleFit) -> float:
+    """How many times larger the scores' covariance is than white residuals would make it, on average."""
+    if not fit.is_coloured:
+        return 1.0
+    return max(1.0, float(np.trace(fit.information @ fit.covariance)) / fit.shared.size)
+
+
+def to_fixed(problem: VehicleProblem, fit: VehicleFit, others: Sequence[str]) -> Array:
+    """(s, f) change of the coordinates per relative change of values that the fit takes as given.
+
+    Gauss-Newton to first order: what the fit would answer if a fixed value were another.
+    """
+    if not others:
+        return np.zeros((fit.shared.size, 0))
+    extra = [Coordinate(name, logarithmic=False) for name in others]
+    wider = VehicleProblem(
+        problem.engine,
+        problem.windows,
+        [*problem.coordinates, *extra],
+        {name: value for name, value in problem.fixed.items() if name not in others},
+        problem.run_terms,
+    )
+    values = np.array([problem.fixed[name] for name in others])
+    point = replace(fit.point, problem=wider, shared=np.concatenate([fit.shared, values]))
+    rows = point.triangle()
+    size = fit.shared.size
+    own, other = rows[:, :size], rows[:, size:-1] * values
+    inverse = inverse_of(triangle_of(own))
+    return np.asarray(-inverse @ inverse.T @ own.T @ other)
