@@ -114,3 +114,31 @@ def evenly(count: int, most: int) -> list[int]:
     if count <= most:
         return list(range(count))
     return sorted({round(index) for index in np.linspace(0, count - 1, most)})
+
+
+def spread_out(x: Array, y: Array, cells: tuple[int, int]) -> NDArray[np.int_]:
+    """Choose points so that a cloud keeps its shape: one in each cell of a grid that has any.
+
+    Parameters
+    ----------
+    x, y : (n,) finite
+    cells : how many along x and y
+
+    Returns
+    -------
+    index : (m,) rising; the leftmost, rightmost, lowest and highest points are among them
+    """
+    if x.size == 0:
+        return np.empty(0, dtype=np.int64)
+    places = [_cell(values, count) for values, count in ((x, cells[0]), (y, cells[1]))]
+    _, first = np.unique(places[0] * cells[1] + places[1], return_index=True)
+    ends = [values.argmin() for values in (x, y)] + [values.argmax() for values in (x, y)]
+    return np.unique(np.concatenate([first, ends]))
+
+
+def _cell(values: Array, count: int) -> NDArray[np.int_]:
+    span = float(values.max() - values.min())
+    if span <= 0:
+        return np.zeros(values.size, dtype=np.int64)
+    cell: NDArray[np.int_] = ((values - values.min()) / span * count).astype(np.int64)
+    return np.minimum(cell, count - 1)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+import tyre_case
 
 from ident.results import (
     Damage,
@@ -395,3 +396,12 @@ def info_result(steering_case):
         [Refusal(f"broken/{HOSTILE_IMG}.mcap", "0 bytes: nothing to read")],
         [f"mapped topic {HOSTILE_LINK} is in no log"],
     )
+
+
+@pytest.fixture(scope="session")
+def tyres_case(steering_case):
+    """The tyre result and its tables; tests must not change them."""
+    tables = tyre_case.build_tables()
+    made = replace(provenance(tyre_case.RUNS), command="ident tyres sample_logs/")
+    health = [run_health(name, 40.0) for name in tyre_case.RUNS]
+    return tyre_case.build_result(tables, made, health), tables

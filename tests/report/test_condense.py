@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ident.report.condense import Line, break_limit, broken, contiguous, evenly, thinned
+from ident.report.condense import Line, break_limit, broken, contiguous, evenly, spread_out, thinned
 
 
 def test_cuts_at_a_long_pause_and_at_another_part():
@@ -80,3 +80,22 @@ def test_chooses_evenly_with_both_ends():
     assert evenly(3, 5) == [0, 1, 2]
     assert evenly(10, 4) == [0, 3, 6, 9]
     assert evenly(100, 2) == [0, 99]
+
+
+def test_a_cloud_keeps_its_shape_and_its_ends():
+    rng = np.random.default_rng(4)
+    x, y = rng.normal(size=(2, 50_000))
+    kept = spread_out(x, y, (40, 30))
+    assert kept.size <= 40 * 30 + 4
+    assert np.all(np.diff(kept) > 0)
+    for values in (x, y):
+        assert (values[kept].min(), values[kept].max()) == (values.min(), values.max())
+    cells = {(round(a), round(b)) for a, b in zip(x * 2, y * 2, strict=True)}
+    assert {(round(a), round(b)) for a, b in zip(x[kept] * 2, y[kept] * 2, strict=True)} >= {
+        cell for cell in cells if abs(cell[0]) < 4 and abs(cell[1]) < 4
+    }
+
+
+def test_points_on_one_spot_become_one():
+    assert spread_out(np.ones(5), np.ones(5), (10, 10)).tolist() == [0]
+    assert spread_out(np.empty(0), np.empty(0), (10, 10)).size == 0

@@ -14,7 +14,8 @@
   function coloured(value, isDark) {
     if (!isDark) return value;
     if (typeof value === "string") return darkOfLight[value] || value;
-    if (Array.isArray(value)) return value.length && typeof value[0] === "number" ? value : value.map((item) => coloured(item, true));
+    const number = (item) => typeof item === "number";
+    if (Array.isArray(value)) return value.length && number(value[0]) && number(value.at(-1)) ? value : value.map((item) => coloured(item, true));
     if (value && typeof value === "object") {
       return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, coloured(item, true)]));
     }
