@@ -19,6 +19,7 @@ TIME_OF_RUN = "time since the start of the run [s]"
 BINS_RUN, BINS_ALL = 700, 4000
 """Bins of a whole run, and of all runs together."""
 FEWEST_BINS = 150
+BINS_FORCE = 400
 SIGNAL_HEIGHT = 190
 POSITIONS = ("position_x", "position_y")
 
@@ -155,4 +156,4 @@ def _line(points: pd.DataFrame, name: str) -> Line:
 
 def _kilo(line: Line) -> Line:
     values: Array = 1e-3 * line.value
-    return thinned(Line(line.time, values), BINS_RUN)
+    return thinned(Line(line.time, values), BINS_FORCE)
