@@ -218,7 +218,7 @@ def test_no_figure_carries_more_points_than_a_screen_can_show(tyres_case):
     long = run.sample(150_000, replace=True, random_state=1).reset_index(drop=True)
     long["time"] = np.arange(150_000) * 0.01
     long["window"] = long["time"] // 10
-    forces = tables["tyre_forces"].sample(100_000, replace=True, random_state=2)
+    forces = tables["tyre_forces"].sample(100_000, replace=True, random_state=2).sort_values(["run", "time"])
     page = tyres_page(result, {"tyres": long, "tyre_forces": forces})
     for figure in figures_of(page).values():
         points = sum(np.size(trace.get("x", ())) for trace in figure.spec["data"])
