@@ -7,10 +7,10 @@
 States are those of the centre of gravity (CG). Slip angles have the source's sign: a positive one gives a
 positive force. Axle forces are totals of both wheels (see ``tyres.tyre``).
 
-Each slip angle is computed in the wheel's own frame, α = -atan(v_lateral/|v_along|), which is the equation
-above for a truck that rolls forward, and holds in reverse as well. Below ``CRAWL`` the velocity along the
-wheel is replaced by (v² + v_s²)/(2 v_s), so that a truck at standstill neither blows up nor creeps: a tyre
-then resists sliding like a damper.
+Each slip angle is computed in the wheel's own frame, α = -atan(v_across/|v_along|), which is the equation
+above for a truck that rolls forward, and holds in reverse as well. Where the velocity along the wheel is
+below ``CRAWL`` it is replaced by (v² + v_s²)/(2 v_s), so that a truck at standstill neither blows up nor
+creeps on level ground: a tyre then resists sliding like a damper.
 """
 
 from __future__ import annotations
@@ -24,8 +24,16 @@ import sympy
 from numpy.typing import NDArray
 from sympy import Expr
 
+from ident.dynamics.constants import GRAVITY
 from ident.dynamics.effects import ROAD_BANK, STEERING_OFFSET, Effect, Ports
 from ident.dynamics.effects.effect import known_symbols
+from ident.dynamics.reference_point import (
+    CG,
+    ReferencePoint,
+    moved_acceleration,
+    moved_position,
+    moved_velocity,
+)
 from ident.dynamics.symbols import guarded
 from ident.dynamics.system import System
 from ident.dynamics.tyres import TYRES
@@ -42,46 +50,23 @@ MOUNTING = ("reference_x", "imu_x", "imu_y")
 
 
 @dataclass(frozen=True)
-class AxleForces:
-    """Slip angles [rad] and lateral forces [N], each across its own wheels."""
+class Lateral:
+    """Forces and accelerations of a bicycle at one state, after all effects.
 
-    front_slip_angle: Expr
-    rear_slip_angle: Expr
-    front: Expr
-    rear: Expr
-
-
-def slip_angle(along: Expr, across: Expr, angle: Expr) -> Expr:
-    """Slip angle of a wheel [rad], with the source's sign.
-
-    along, across : velocity of the wheel's centre in the vehicle's frame [m/s]
-    angle : of the wheel to the vehicle [rad]
+    angle : of the front wheels [rad]
+    slip_angles : front, rear [rad]
+    axle_forces : front, rear, each across its own wheels [N]
+    tyre_force : of both axles across the vehicle [N]: what an accelerometer at the CG feels, times the mass
+    lateral_force : with all that pushes but is no tyre [N]
+    turning : yaw acceleration [rad/s²]
     """
-    if angle == 0:
-        return -sympy.atan(across / guarded(along, CRAWL))
-    cosine, sine = sympy.cos(angle), sympy.sin(angle)
-    return -sympy.atan((across * cosine - along * sine) / guarded(along * cosine + across * sine, CRAWL))
 
-
-def axle_forces(front: str, rear: str, ports: Ports, angle: Expr) -> AxleForces:
-    """Forces of both axles at the velocities that the ports know.
-
-    front, rear : kinds of tyres; angle : of the front wheels [rad]
-    """
-    known = ports.known
-    along, across, turning = (known[n] for n in ("longitudinal_velocity", "lateral_velocity", "yaw_rate"))
-    l_f, l_r = known["cg_to_front_axle"], known["cg_to_rear_axle"]
-    slip_f = ports.through("front_slip_angle", slip_angle(along, across + l_f * turning, angle))
-    slip_r = ports.through("rear_slip_angle", slip_angle(along, across - l_r * turning, sympy.Integer(0)))
-    load = known["mass"] * 9.81 / (l_f + l_r)
-    force_f = TYRES[front].force_at("front", slip_f, load * l_r)
-    force_r = TYRES[rear].force_at("rear", slip_r, load * l_f)
-    return AxleForces(
-        slip_f,
-        slip_r,
-        ports.through("front_lateral_force", force_f),
-        ports.through("rear_lateral_force", force_r),
-    )
+    angle: Expr
+    slip_angles: tuple[Expr, Expr]
+    axle_forces: tuple[Expr, Expr]
+    tyre_force: Expr
+    lateral_force: Expr
+    turning: Expr
 
 
 def tyre_parameters(front: str, rear: str) -> tuple[str, ...]:
@@ -107,62 +92,92 @@ def bicycle(front: str, rear: str, effects: tuple[Effect, ...] = (STEERING_OFFSE
     """
     tyres = tyre_parameters(front, rear)
     ports = Ports(known_symbols(STATES, INPUTS, BODY, MOUNTING, tyres), effects)
-    known = ports.known
-    angle = ports.through("road_wheel_angle", known["road_wheel_angle"])
-    forces = axle_forces(front, rear, ports, angle)
-    across = forces.front * sympy.cos(angle)
-    tyre_force = across + forces.rear
-    tyre_moment = known["cg_to_front_axle"] * across - known["cg_to_rear_axle"] * forces.rear
-    lateral_force = ports.through("lateral_force", tyre_force)
-    turning = ports.through("yaw_moment", tyre_moment) / known["yaw_inertia"]
-    states = planar_motion(known, lateral_force / known["mass"], turning)
-    measured = measurements(ports, tyre_force / known["mass"], turning, forces)
-    return System(
-        f"bicycle_{front}_{rear}",
-        states,
-        INPUTS,
-        (*BODY, *tyres, *MOUNTING, *ports.parameter_names()),
-        measured,
-    )
+    lateral = lateral_dynamics(ports, front, rear)
+    states = planar_motion(ports.known, lateral)
+    measured = measurements(ports, lateral)
+    parameters = (*BODY, *tyres, *MOUNTING, *ports.parameter_names())
+    return System(f"bicycle_{front}_{rear}", states, INPUTS, parameters, measured)
 
 
-def planar_motion(known: Mapping[str, Expr], across: Expr, turning: Expr) -> dict[str, Expr]:
-    """Derivatives of the states of the CG from its acceleration across [m/s²] and its yaw acceleration."""
-    v_x, v_y, r, heading = (
-        known[n] for n in ("longitudinal_velocity", "lateral_velocity", "yaw_rate", "heading")
-    )
-    return {
-        "lateral_velocity": across - v_x * r,
-        "yaw_rate": turning,
-        "heading": r,
-        "position_x": v_x * sympy.cos(heading) - v_y * sympy.sin(heading),
-        "position_y": v_x * sympy.sin(heading) + v_y * sympy.cos(heading),
-    }
+def lateral_dynamics(ports: Ports, front: str, rear: str) -> Lateral:
+    """Forces and yaw acceleration at the state and inputs that the ports know.
 
-
-def measurements(ports: Ports, specific_force: Expr, turning: Expr, forces: AxleForces) -> dict[str, Expr]:
-    """What the sensors read: the IMU at its place, velocity and pose at the reference point.
-
-    specific_force : force per mass that is not gravity, across at the CG [m/s²]
+    front, rear : kinds of tyres
     """
     known = ports.known
-    r, heading, reach = known["yaw_rate"], known["heading"], known["reference_x"]
-    read = {
-        "yaw_rate": r,
-        "lateral_acceleration": specific_force + known["imu_x"] * turning - known["imu_y"] * r**2,
-        "lateral_velocity": known["lateral_velocity"] + reach * r,
-        "heading": heading,
-        "position_x": known["position_x"] + reach * sympy.cos(heading),
-        "position_y": known["position_y"] + reach * sympy.sin(heading),
-    }
-    measured = {name: ports.through(f"measured_{name}", value) for name, value in read.items()}
+    l_f, l_r = known["cg_to_front_axle"], known["cg_to_rear_axle"]
+    angle = ports.through("road_wheel_angle", known["road_wheel_angle"])
+    slip_f = ports.through("front_slip_angle", slip_angle(*_velocity_at(known, l_f), angle))
+    slip_r = ports.through("rear_slip_angle", slip_angle(*_velocity_at(known, -l_r), sympy.Integer(0)))
+    load = known["mass"] * GRAVITY / (l_f + l_r)
+    force_f = ports.through("front_lateral_force", TYRES[front].force_at("front", slip_f, load * l_r))
+    force_r = ports.through("rear_lateral_force", TYRES[rear].force_at("rear", slip_r, load * l_f))
+    across = force_f * sympy.cos(angle)
+    lateral_force = ports.through("lateral_force", across + force_r)
+    moment = ports.through("yaw_moment", l_f * across - l_r * force_r)
+    return Lateral(
+        angle,
+        (slip_f, slip_r),
+        (force_f, force_r),
+        across + force_r,
+        lateral_force,
+        moment / known["yaw_inertia"],
+    )
+
+
+def slip_angle(along: Expr, across: Expr, angle: Expr) -> Expr:
+    """Slip angle of a wheel [rad], with the source's sign.
+
+    along, across : velocity of the wheel's centre in the vehicle's frame [m/s]
+    angle : of the wheel to the vehicle [rad]
+    """
+    cosine, sine = sympy.cos(angle), sympy.sin(angle)
+    return -sympy.atan((across * cosine - along * sine) / guarded(along * cosine + across * sine, CRAWL))
+
+
+def planar_motion(known: Mapping[str, Expr], lateral: Lateral) -> dict[str, Expr]:
+    """Derivatives of the states of the CG."""
+    along, across, turn, heading = _motion(known)
+    cosine, sine = sympy.cos(heading), sympy.sin(heading)
     return {
-        **measured,
-        "front_slip_angle": forces.front_slip_angle,
-        "rear_slip_angle": forces.rear_slip_angle,
-        "front_lateral_force": forces.front,
-        "rear_lateral_force": forces.rear,
+        "lateral_velocity": lateral.lateral_force / known["mass"] - along * turn,
+        "yaw_rate": lateral.turning,
+        "heading": turn,
+        "position_x": along * cosine - across * sine,
+        "position_y": along * sine + across * cosine,
     }
+
+
+def measurements(ports: Ports, lateral: Lateral) -> dict[str, Expr]:
+    """What the sensors read: the IMU at its place, velocity and pose at the reference point.
+
+    An accelerometer reads the forces that act on the vehicle's parts, not gravity: on a bank it falls
+    down the slope with the vehicle, so that what it reads is the force of the tyres alone.
+    """
+    known = ports.known
+    along, across, turn, heading = _motion(known)
+    point, imu = reference_and_imu(known)
+    _, felt = moved_acceleration(0, lateral.tyre_force / known["mass"], turn, lateral.turning, CG, imu)
+    _, drift = moved_velocity(along, across, turn, CG, point)
+    cosine, sine = sympy.cos(heading), sympy.sin(heading)
+    x, y = moved_position((known["position_x"], known["position_y"]), cosine, sine, CG, point)
+    names = ("yaw_rate", "lateral_acceleration", "lateral_velocity", "heading", "position_x", "position_y")
+    read = dict(zip(names, (turn, felt, drift, heading, x, y), strict=True))
+    return {
+        **{name: ports.through(f"measured_{name}", value) for name, value in read.items()},
+        "front_slip_angle": lateral.slip_angles[0],
+        "rear_slip_angle": lateral.slip_angles[1],
+        "front_lateral_force": lateral.axle_forces[0],
+        "rear_lateral_force": lateral.axle_forces[1],
+    }
+
+
+def reference_and_imu(known: Mapping[str, Expr]) -> tuple[ReferencePoint, ReferencePoint]:
+    """The point that logged pose and velocity refer to, and the place of the IMU, as expressions."""
+    return (
+        ReferencePoint("rear_axle", known["reference_x"], sympy.Integer(0)),
+        ReferencePoint("imu", known["imu_x"], known["imu_y"]),
+    )
 
 
 def substeps_for(parameters: Mapping[str, float], speed: Array, steps: Array) -> NDArray[np.int64]:
@@ -189,3 +204,17 @@ def substeps_for(parameters: Mapping[str, float], speed: Array, steps: Array) ->
     along = np.where(slow > CRAWL, slow, (slow**2 + CRAWL**2) / (2 * CRAWL))
     needed = np.ceil(np.abs(steps) * fastest / along / STABLE_STEP)
     return np.maximum(1, np.where(np.isfinite(needed), needed, 1)).astype(np.int64)
+
+
+def _motion(known: Mapping[str, Expr]) -> tuple[Expr, Expr, Expr, Expr]:
+    along, across, turn, heading = (
+        known[n] for n in ("longitudinal_velocity", "lateral_velocity", "yaw_rate", "heading")
+    )
+    return along, across, turn, heading
+
+
+def _velocity_at(known: Mapping[str, Expr], forward: Expr) -> tuple[Expr, Expr]:
+    """Velocity of the point on the middle line that lies ``forward`` of the CG."""
+    along, across, turn, _ = _motion(known)
+    there = ReferencePoint("front_axle", forward, sympy.Integer(0))
+    return moved_velocity(along, across, turn, CG, there)

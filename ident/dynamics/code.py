@@ -3,7 +3,8 @@
 It holds the functions of the model for one point (``rates``, ``rates_and_jacobian``, ``outputs``,
 ``outputs_and_jacobian``), the two drivers that call them (see ``driver_text``), and the same functions for
 arrays (``array_*``). Everything is in one module: a driver that took the model as an argument would miss
-Numba's disk cache in every process.
+Numba's disk cache in every process. The drivers have explicit signatures, so they are compiled, or loaded,
+when the module is imported; the compiled code of a driver holds that of the functions which it calls.
 """
 
 from __future__ import annotations
@@ -26,11 +27,6 @@ from numba import njit
 
 OPTIONS = {{"cache": True, "error_model": "numpy", "nogil": True, "fastmath": {{"contract"}}}}
 '''
-
-POINT = '@njit("void(float64[::1], float64[::1], float64[::1], float64[::1])", **OPTIONS)'
-POINT_WITH_JACOBIAN = (
-    '@njit("void(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1])", **OPTIONS)'
-)
 
 
 def module_text(system: System, derived: Derived) -> str:
@@ -86,7 +82,7 @@ def _point_function(name: str, system: System, block: Block, names: dict[Symbol,
     printer = ScalarPrinter(names)
     with_jacobian = name.endswith("jacobian")
     lines = [
-        POINT_WITH_JACOBIAN if with_jacobian else POINT,
+        "@njit(**OPTIONS)",
         f"def {name}(x, u, p, out{', jacobian' if with_jacobian else ''}):",
         *_reads(system, block, names, ""),
         *assignments(printer, block.assignments),

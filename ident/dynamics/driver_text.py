@@ -14,6 +14,7 @@ from ident.dynamics.derivation import Block, Derived
 from ident.dynamics.system import System
 
 LANES = 4  # columns are counted in multiples of this
+UPSTREAM = 16  # columns kept for parameters of signal blocks upstream, which the model does not have
 STAGES = (0, 1, 2, 3)
 
 SIMULATE = '''@njit(
@@ -156,7 +157,7 @@ def simulate(system: System) -> str:
 def sensitivities(system: System, derived: Derived) -> str:
     """Text of the driver with derivatives."""
     nx, count = len(system.states), len(system.parameters)
-    stride = -(-(nx + count) // LANES) * LANES
+    stride = -(-(nx + count + UPSTREAM) // LANES) * LANES
     rates, outputs = derived.rates_with_jacobian, derived.outputs_with_jacobian
     driven = sorted({row for kind in ("u", "p") for row, _ in rates.entries[kind]})
     return SENSITIVITIES.format(
@@ -177,9 +178,12 @@ def sensitivities(system: System, derived: Derived) -> str:
 
 
 def _places(block: Block, rows: int, columns: int) -> list[list[int]]:
-    """Place in the flat Jacobian of each (row, parameter); the last place always holds zero."""
+    """Place in the flat Jacobian of each (row, parameter); the last place always holds zero.
+
+    The last column is that of parameters upstream.
+    """
     zero = len(block.jacobian)
-    return [[block.entries["p"].get((i, j), zero) for j in range(columns)] for i in range(rows)]
+    return [[block.entries["p"].get((i, j), zero) for j in range(columns + 1)] for i in range(rows)]
 
 
 def _gather(nx: int, driven: list[int], stride: int) -> str:

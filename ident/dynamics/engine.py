@@ -13,6 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ident.dynamics.code import module_text
+from ident.dynamics.derivation import derive
+from ident.dynamics.driver_text import UPSTREAM
 from ident.dynamics.model_cache import cached_module
 from ident.dynamics.system import System
 
@@ -43,7 +46,7 @@ class Engine:
         self.inputs = system.inputs
         self.parameters = system.parameters
         self.outputs = tuple(system.outputs)
-        self._module, self.derived = cached_module(fingerprint, lambda: _text(system))
+        self._module, self.derived = cached_module(fingerprint, lambda: module_text(system, derive(system)))
 
     @property
     def module(self) -> ModuleType:
@@ -116,9 +119,9 @@ class Engine:
         Parameters
         ----------
         starts, inputs, steps, offsets, parameters, held, substeps : as in ``simulate``
-        active : (na,) parameters, names or indices, to differentiate to
-        input_derivatives : (N, nu, na) derivatives of the inputs to the active parameters, where a signal
-            block upstream depends on them; zero where None
+        active : (na,) parameters, names or indices, to differentiate to. A name that the model does not have
+            is a parameter of a signal block upstream: it acts through ``input_derivatives`` alone
+        input_derivatives : (N, nu, na) derivatives of the inputs to the active parameters; zero where None
         wanted : names of the outputs whose derivatives are needed; all where None
 
         Returns
@@ -129,7 +132,7 @@ class Engine:
         """
         arguments = self._arguments(starts, inputs, steps, offsets, parameters, held, substeps)
         count = arguments[1].shape[0]
-        places = self._active(active)
+        places = self._active(active, upstream=input_derivatives is not None)
         chain = np.empty((0, len(self.inputs), places.size))
         if input_derivatives is not None:
             chain = _array(input_derivatives, (count, len(self.inputs), places.size), "input_derivatives")
@@ -189,10 +192,19 @@ class Engine:
     def _results(self, count: int) -> tuple[Array, Array]:
         return np.empty((count, len(self.states))), np.empty((count, len(self.outputs)))
 
-    def _active(self, active: Sequence[str] | Sequence[int]) -> Integers:
-        places = [self.parameters.index(a) if isinstance(a, str) else int(a) for a in active]
-        if len(set(places)) != len(places) or any(not 0 <= a < len(self.parameters) for a in places):
+    def _active(self, active: Sequence[str] | Sequence[int], *, upstream: bool) -> Integers:
+        """Places of parameters; the place after the last stands for one upstream."""
+        count = len(self.parameters)
+        known = {name: place for place, name in enumerate(self.parameters)}
+        places = [known.get(a, count) if isinstance(a, str) else int(a) for a in active]
+        own = [place for place in places if place != count]
+        strange = len(places) - len(own)
+        if len(set(active)) != len(places) or any(not 0 <= a < count for a in own):
             raise ValueError(f"{self.name}: active parameters {list(active)} are not all different and known")
+        if strange and not upstream:
+            raise ValueError(f"{self.name}: {list(active)} are not all parameters of the model")
+        if strange > UPSTREAM:
+            raise ValueError(f"{self.name}: {strange} parameters upstream, at most {UPSTREAM}")
         return np.array(places, dtype=np.int64)
 
     def _arguments(
@@ -232,14 +244,6 @@ class Engine:
         if unknown := sorted(names - set(self.inputs)):
             raise ValueError(f"{self.name}: {unknown} are no inputs")
         return np.array([0.0 if name in names else 1.0 for name in self.inputs])
-
-
-def _text(system: System) -> str:
-    """Derive the Jacobians and write the module; the packages for that are loaded only here."""
-    from ident.dynamics.code import module_text  # noqa: PLC0415
-    from ident.dynamics.derivation import derive  # noqa: PLC0415
-
-    return module_text(system, derive(system))
 
 
 def _array(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:

@@ -14,11 +14,10 @@ from collections.abc import Mapping
 import sympy
 from sympy import Expr
 
+from ident.dynamics.constants import GRAVITY
 from ident.dynamics.effects.effect import Effect
 from ident.dynamics.parameter import Parameter
 from ident.dynamics.symbols import symbol
-
-GRAVITY = 9.81  # [m/s²]
 
 BANK_COS = Parameter("bank_cos", "1", -0.3, 0.3, 0.02, "sine of the bank where the heading is zero")
 BANK_SIN = Parameter("bank_sin", "1", -0.3, 0.3, 0.02, "sine of the bank where the heading is 90 degrees")
