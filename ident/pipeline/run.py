@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ident.pipeline.options import Progress, RunOptions, command_line
 from ident.pipeline.recipe import recipe_for
@@ -14,6 +14,9 @@ from ident.pipeline.stages import STAGES
 from ident.pipeline.store import Store, atomic, output_folder
 from ident.report.html import write_report
 from ident.stages.output import Context, StageOutput
+
+if TYPE_CHECKING:
+    from ident.report.recording import Part
 
 
 @dataclass(frozen=True)
@@ -60,15 +63,26 @@ def save(store: Store, stage: str, output: StageOutput[Any]) -> None:
 
 
 def draw(store: Store, shown: str) -> Path:
-    """Draw the report and the recording from what is stored, opening the report at the page ``shown``."""
-    pages = []
+    """Draw the report and the recording from what is stored, both opening at the stage ``shown``.
+
+    The recording is drawn anew where the stage ``shown`` has a part in it; it holds those of all stages.
+    """
+    pages, recorded = [], []
     for name, stage in STAGES.items():
         result = store.read_result(name)
         if result is None:
             continue
         tables = store.read_tables(stage.tables)
         pages.append(stage.page(result, tables))
-        if stage.record is not None and name == shown:
-            with atomic(store.folder / "run.rrd") as path:
-                stage.record(path, result, tables)
+        if stage.record is not None and STAGES[shown].record is not None:
+            recorded.append(stage.record(result, tables))
+    if recorded:
+        _write_recording(store, recorded, shown)
     return write_report(store.folder, pages, shown)
+
+
+def _write_recording(store: Store, parts: Sequence[Part], shown: str) -> None:
+    from ident.report.recording import write_recording
+
+    with atomic(store.folder / "run.rrd") as path:
+        write_recording(path, parts, shown)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from ident.report.page import Page
+    from ident.report.recording import Part
     from ident.results import InfoResult, SteeringResult
 
 Tables = Mapping[str, "pd.DataFrame"]
@@ -30,14 +31,14 @@ class Stage:
     describe : its result in plain text, for the terminal
     page : its page of the report, from its result and its tables
     tables : names of the tables that ``page`` and ``record`` need
-    record : writes the recording, None where there is nothing to record
+    record : its part of the recording, None where there is nothing to record
     """
 
     run: Callable[[Sequence[Path], Recipe, Context], StageOutput[Any]]
     describe: Callable[[Any], str]
     page: Callable[[Any, Tables], Page]
     tables: tuple[str, ...] = ()
-    record: Callable[[Path, Any, Tables], None] | None = None
+    record: Callable[[Any, Tables], Part] | None = None
 
 
 def _info(logs: Sequence[Path], recipe: Recipe, context: Context) -> StageOutput[InfoResult]:
@@ -76,10 +77,10 @@ def _steering_page(result: SteeringResult, tables: Tables) -> Page:
     return steering_page(result, tables)
 
 
-def _record_steering(path: Path, result: SteeringResult, tables: Tables) -> None:
-    from ident.report.recording import write_recording
+def _record_steering(result: SteeringResult, tables: Tables) -> Part:
+    from ident.report.recording import steering_part
 
-    write_recording(path, result, tables)
+    return steering_part(result, tables)
 
 
 STAGES: dict[str, Stage] = {

@@ -13,10 +13,22 @@ from ident.report.numbers import (
     p_value,
     percent,
     plain,
+    significant,
     unit_text,
 )
 from ident.report.steering_parameters import CLASSES, PARAMETERS, SHORT_METHODS, STATUS, of_model
-from ident.results import Bandwidth, Experiment, SteeringModel, SteeringResult
+from ident.report.tyre_parameters import (
+    AXLES,
+    KINDS,
+    chosen_fit,
+    displayed,
+    estimates,
+    full_name,
+    parameter,
+    short_name,
+    signal_unit,
+)
+from ident.results import Bandwidth, Estimate, Experiment, SteeringModel, SteeringResult, TyresResult
 
 MOST_LINES = 8
 """Refusals and warnings beyond these are counted."""
@@ -42,15 +54,19 @@ def describe_steering(result: SteeringResult) -> str:
 
 def parameter_lines(model: SteeringModel) -> list[str]:
     """Give one line a parameter, in columns: symbol, name, value, 95 % interval, unit, status."""
+    return _table_lines([(item.symbol, item.name, of_model(model, item)) for item in PARAMETERS])
+
+
+def _table_lines(found: Sequence[tuple[str, str, Estimate]]) -> list[str]:
+    """Put estimates into columns, each with its symbol and name; the reasons stand below."""
     rows = [("", "", "value", "95 % interval", "unit", "")]
-    reasons = []
-    for parameter in PARAMETERS:
-        estimate = of_model(model, parameter)
+    reasons: dict[str, list[str]] = {}
+    for symbol, name, estimate in found:
         status = "" if estimate.status == "identified" else STATUS[estimate.status]
         interval, unit = estimate_interval(estimate), unit_text(estimate.unit)
-        rows.append((parameter.symbol, parameter.name, estimate_value(estimate), interval, unit, status))
+        rows.append((symbol, name, estimate_value(estimate), interval, unit, status))
         if estimate.reason:
-            reasons.append(f"  {parameter.symbol}: {plain(estimate.reason)}")
+            reasons.setdefault(plain(estimate.reason), []).append(symbol)
     widths = [max(len(row[column]) for row in rows) for column in range(6)]
     lines = []
     for row in rows:
@@ -59,7 +75,7 @@ def parameter_lines(model: SteeringModel) -> list[str]:
             for column, (cell, width) in enumerate(zip(row, widths, strict=True))
         ]
         lines.append(("  " + "  ".join(cells)).rstrip())
-    return lines + reasons
+    return lines + [f"  {', '.join(symbols)}: {reason}" for reason, symbols in reasons.items()]
 
 
 def _fit_lines(result: SteeringResult) -> list[str]:
@@ -99,3 +115,53 @@ def _limited(what: str, texts: Sequence[str]) -> list[str]:
     lines = [f"{what}: {plain(text)}" for text in texts[:MOST_LINES]]
     left = len(texts) - len(lines)
     return [*lines, f"{what}: and {left} more, in the report"] if left else lines
+
+
+def describe_tyres(result: TyresResult) -> str:
+    """Say which tyres were identified, how well, from what, and what to do next.
+
+    Returns
+    -------
+    text : of a few lines, without control characters; the last line does not end with a line break
+    """
+    fit = chosen_fit(result)
+    derived = {
+        "understeer_gradient": result.understeer_gradient,
+        "characteristic_speed": result.characteristic_speed,
+    }
+    found = [
+        (short_name(name) if "." in name else parameter(name).symbol, full_name(name), displayed(estimate))
+        for name, estimate in (estimates(fit) | derived).items()
+    ]
+    lines = [plain(result.verdict), f"  tyres: {KINDS[result.chosen]} ({plain(result.why)})", ""]
+    lines += [*_table_lines(found), "", *_tyre_fit_lines(result)]
+    lines += _limited("refused", [f"{refusal.what}: {refusal.reason}" for refusal in result.refused])
+    lines += _limited("warning", [*fit.warnings, *result.warnings])
+    if result.next_step:
+        lines += ["", f"next: {plain(result.next_step)}"]
+    return "\n".join(lines)
+
+
+def _tyre_fit_lines(result: TyresResult) -> list[str]:
+    """Say how well each signal is followed, what range was driven, and what was taken as given."""
+    errors = []
+    for name, value in chosen_fit(result).rms.items():
+        factor, unit = signal_unit(name)
+        errors.append(f"{name.replace('_', ' ')} {significant(value * factor)} {unit}")
+    slips = [
+        f"{axle} {angle(ends[0])} … {angle(ends[1])}" for axle in AXLES if (ends := result.excited.get(axle))
+    ]
+    used = sum(run.used for run in result.by_run)
+    agree = "not tested" if result.agreement_p is None else p_value(result.agreement_p)
+    lines = [
+        f"RMS error: {', '.join(errors) or 'none'}",
+        f"slip angles excited: {'; '.join(slips) or 'none'}",
+        f"runs: {used}, {count(result.samples, 'sample')}; same model in all of them: {agree}",
+    ]
+    unstated = [name.replace("_", " ") for name, fixed in result.fixed.items() if fixed.std is None]
+    if unstated:
+        lines.append(
+            f"taken as exact: {', '.join(unstated)}: the intervals leave their errors out; "
+            "state them in the vehicle file, such as mass: 12500 kg +- 300 kg"
+        )
+    return lines

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from ident.report.condense import Array, Line, broken, contiguous
 from ident.results import TyresResult
@@ -83,3 +84,43 @@ def force_points(table: pd.DataFrame, axle: str) -> dict[str, Array]:
     found = {name: column(rows, name) for name in names}
     there = np.isfinite(found["slip_angle"]) & np.isfinite(found["force"])
     return {name: values[there] for name, values in found.items()}
+
+
+class Poses(NamedTuple):
+    """Where a truck is: (n,) time [s], place from the start of the run [m], heading [rad], (n,) window."""
+
+    time: Array
+    x: Array
+    y: Array
+    heading: Array
+    window: NDArray[np.int_]
+
+
+def poses(rows: pd.DataFrame) -> dict[str, Poses]:
+    """Give where the truck was measured ("measured") and simulated ("modelled"), each where it is known.
+
+    Both are counted from the first place measured, or simulated where none is: positions on a map are
+    millions of metres, more than a viewer can draw to the decimetre.
+    """
+    ways = {"measured": "", "modelled": "_model"}
+    found = {way: pose for way, ending in ways.items() if (pose := _poses(rows, ending)).time.size}
+    if not found:
+        return {}
+    first = next(iter(found.values()))
+    x, y = first.x[0], first.y[0]
+    return {way: pose._replace(x=pose.x - x, y=pose.y - y) for way, pose in found.items()}
+
+
+def _poses(rows: pd.DataFrame, ending: str) -> Poses:
+    """Take the places, with the heading between its own samples, else that of the model, else the course."""
+    time, window = column(rows, "time"), column(rows, "window").astype(np.int64)
+    x, y = column(rows, f"position_x{ending}"), column(rows, f"position_y{ending}")
+    there = np.isfinite(x) & np.isfinite(y)
+    time, window, x, y = time[there], window[there], x[there], y[there]
+    for name in (f"heading{ending}", "heading_model"):
+        known = np.isfinite(column(rows, name))
+        if known.any() and time.size:
+            heading = np.interp(time, column(rows, "time")[known], np.unwrap(column(rows, name)[known]))
+            return Poses(time, x, y, heading, window)
+    course = np.arctan2(np.gradient(y), np.gradient(x)) if time.size > 1 else np.zeros(time.size)
+    return Poses(time, x, y, course, window)

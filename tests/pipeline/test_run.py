@@ -18,6 +18,7 @@ from ident.pipeline.run import run_stage
 from ident.pipeline.stages import STAGES, Stage
 from ident.pipeline.store import Store
 from ident.report.page import Page, Text, Verdict
+from ident.report.recording import Part
 from ident.results import SCHEMA_VERSION, InfoResult, Provenance
 from ident.stages.output import Context, StageOutput
 
@@ -30,6 +31,7 @@ class FakeStage:
     """A stage that remembers how it was called; its result is an empty InfoResult."""
 
     warnings: list[str] = field(default_factory=lambda: ["one <b>warning</b>"])
+    name: str = "info"
     error: Exception | None = None
     called: list[tuple[Sequence[Path], Recipe, Context]] = field(default_factory=list)
     recorded: list[tuple[InfoResult, list[str]]] = field(default_factory=list)
@@ -49,9 +51,10 @@ class FakeStage:
             "info", "Logs", Verdict("good", result.warnings[0], "good"), [Text(f"{rows} rows were read")]
         )
 
-    def record(self, path: Path, result: InfoResult, tables: Any) -> None:
-        path.write_bytes(b"recording")
+    def record(self, result: InfoResult, tables: Any) -> Part:
         self.recorded.append((result, list(tables)))
+        made, text = result.provenance, f"{len(result.warnings)} warning"
+        return Part(self.name, self.name, made, text, [], lambda _: None, lambda _: None)
 
     def stage(self) -> Stage:
         return Stage(

@@ -5,10 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tyre_case
 from rerun.chunk import RrdReader
 
 from ident.report import recording
+from ident.report.numbers import shorten
+from ident.report.outline import outline, outline_of
+from ident.report.tyre_signals import by_agreement
 from ident.results import Experiment
+
+
+def write(path, *parts):
+    recording.write_recording(path, parts, parts[0].stage)
 
 
 def columns(path):
@@ -41,7 +49,7 @@ def views(path):
 @pytest.fixture(scope="module")
 def written(steering_case, tmp_path_factory):
     path = tmp_path_factory.mktemp("recording") / "run.rrd"
-    recording.write_recording(path, *steering_case)
+    write(path, recording.steering_part(*steering_case))
     return path
 
 
@@ -49,7 +57,7 @@ def test_holds_every_sample_on_the_run_s_own_time(written, steering_case):
     table = steering_case[1]["steering"]
     found = columns(written)
     for run, rows in table.groupby("run"):
-        time, values = found[f"{recording.origin(run)}/measured"]
+        time, values = found[f"{recording.origin('steering', run)}/measured"]
         kept = np.isfinite(values)
         np.testing.assert_allclose(time[kept], rows["time"], atol=1e-9)
         np.testing.assert_allclose(values[kept], rows["measured"])
@@ -59,7 +67,7 @@ def test_holds_request_modelled_and_residual_too(written, steering_case):
     tables = steering_case[1]
     found = columns(written)
     assert len(found) == 4 * tables["steering"]["run"].nunique()
-    root = recording.origin("steering_sines_a")
+    root = recording.origin("steering", "steering_sines_a")
     request = tables["steering_request"].query("run == 'steering_sines_a'")["request"]
     np.testing.assert_allclose(found[f"{root}/request"][1], request)
     rows = tables["steering"].query("run == 'steering_sines_a'")
@@ -68,14 +76,15 @@ def test_holds_request_modelled_and_residual_too(written, steering_case):
 
 
 def test_lifts_the_pen_at_a_gap(written):
-    time, values = columns(written)[f"{recording.origin('day 1/steering_pulses_a')}/measured"]
+    time, values = columns(written)[f"{recording.origin('steering', 'day 1/steering_pulses_a')}/measured"]
     assert time[np.isnan(values)].tolist() == pytest.approx([14.197], abs=0.01)
 
 
 def test_a_name_from_a_log_is_one_part_of_an_entity_path():
     hostile = "a/b <img>\n\udc80"
-    assert recording.origin(hostile).count("/") - recording.origin(hostile).count("\\/") == 1
-    assert recording.origin("").strip("/")
+    entity = recording.origin("steering", hostile)
+    assert entity.count("/") - entity.count("\\/") == 2
+    assert recording.origin("tyres", "").removeprefix("/tyres/")
 
 
 def test_opens_on_the_experiments_steps_and_sines_first(written):
@@ -90,7 +99,7 @@ def test_opens_on_the_experiments_steps_and_sines_first(written):
 def test_many_experiments_become_tabs_of_their_runs(steering_case, tmp_path):
     result, tables = steering_case
     many = [replace(result.experiments[0], start=2.0 + 0.1 * index) for index in range(50)]
-    recording.write_recording(tmp_path / "many.rrd", replace(result, experiments=many), tables)
+    write(tmp_path / "many.rrd", recording.steering_part(replace(result, experiments=many), tables))
     names = views(tmp_path / "many.rrd")
     assert sum(name.startswith("pulse") for name in names) == recording.MOST_TABS
     assert names.count("whole run") == 1
@@ -126,16 +135,126 @@ def test_a_result_without_experiments_is_recorded(steering_case, tmp_path):
     result, tables = steering_case
     path = tmp_path / "none.rrd"
     empty = {name: table.iloc[:0] for name, table in tables.items()}
-    recording.write_recording(path, replace(result, experiments=[]), tables)
-    recording.write_recording(tmp_path / "empty.rrd", replace(result, experiments=[]), empty)
+    write(path, recording.steering_part(replace(result, experiments=[]), tables))
+    write(tmp_path / "empty.rrd", recording.steering_part(replace(result, experiments=[]), empty))
     assert {"steering_sines_a", "result"} <= set(views(path))
     assert views(tmp_path / "empty.rrd") == ["result"]
 
 
-def test_rerun_itself_accepts_the_file(written):
+# --- tyres -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def driven(tyres_case, tmp_path_factory):
+    path = tmp_path_factory.mktemp("recording") / "run.rrd"
+    write(path, recording.tyres_part(*tyres_case))
+    return path
+
+
+def moved(path, entity):
+    """Give how a truck or a wheel moves: time [s], place (n, 3) [m], angle about z [rad]."""
+    for chunk in RrdReader(str(path)).stream():
+        batch = chunk.to_record_batch()
+        if chunk.entity_path == entity and "Transform3D:translation" in batch.schema.names:
+            time = np.asarray(batch.column("time").cast("int64"), dtype=np.float64) / 1e9
+            place = np.array([row[0] for row in batch.column("Transform3D:translation").to_pylist()])
+            turned = np.array([row[0] for row in batch.column("Transform3D:quaternion").to_pylist()])
+            return time, place, 2 * np.arctan2(turned[:, 2], turned[:, 3])
+    raise AssertionError(f"nothing moves at {entity}")
+
+
+def test_the_truck_drives_where_it_was_measured(driven, tyres_case):
+    for run, rows in tyres_case[1]["tyres"].groupby("run"):
+        known = rows.dropna(subset="position_x")
+        start = known.iloc[0]
+        time, place, heading = moved(driven, f"{recording.origin('tyres', run)}/truck/measured")
+        assert np.diff(time).mean() == pytest.approx(recording.POSE_PERIOD, rel=0.01)
+        at = np.searchsorted(known["time"], time)
+        for axis, signal in enumerate(("position_x", "position_y")):
+            expected = known[signal].to_numpy()[at] - start[signal]
+            np.testing.assert_allclose(place[:, axis], expected, atol=1e-4)
+        np.testing.assert_allclose(heading, known["heading"].to_numpy()[at], atol=1e-5)
+
+
+def test_the_simulated_truck_is_counted_from_the_same_place(driven, tyres_case):
+    run = tyre_case.RUNS[0]
+    rows = tyres_case[1]["tyres"].query("run == @run")
+    _, place, _ = moved(driven, f"{recording.origin('tyres', run)}/truck/modelled")
+    first = rows["position_x_model"].iloc[0] - rows["position_x"].dropna().iloc[0]
+    assert place[0, 0] == pytest.approx(first, abs=1e-5)
+
+
+def test_the_front_wheels_turn_with_the_steering_at_their_own_places(driven, tyres_case):
+    run = tyre_case.RUNS[0]
+    rows = tyres_case[1]["tyres"].query("run == @run")
+    time, place, angle = moved(driven, f"{recording.origin('tyres', run)}/truck/measured/front_left")
+    np.testing.assert_allclose(angle, np.interp(time, rows["time"], rows["road_wheel_angle"]), atol=1e-5)
+    front_of_rear_axle = tyre_case.FRONT + tyre_case.REAR
+    np.testing.assert_allclose(place, np.tile([front_of_rear_axle, 1.0, 0.0], (time.size, 1)), atol=1e-5)
+
+
+def test_every_signal_is_there_measured_simulated_and_what_is_left(driven, tyres_case):
+    found = columns(driven)
+    for run, rows in tyres_case[1]["tyres"].groupby("run"):
+        root = recording.origin("tyres", run)
+        known = rows.dropna(subset="lateral_velocity")
+        for role, expected in (
+            ("measured", known["lateral_velocity"]),
+            ("residual", known["lateral_velocity"] - known["lateral_velocity_model"]),
+        ):
+            values = found[f"{root}/lateral_velocity/{role}"][1]
+            np.testing.assert_allclose(values[np.isfinite(values)], expected)
+        assert np.isnan(found[f"{root}/yaw_rate/modelled"][1]).sum() == rows["window"].nunique() - 1
+
+
+def test_opens_on_the_run_that_the_model_follows_worst(driven, tyres_case):
+    tabs = [tab.name for tab in recording.tyres_part(*tyres_case).tabs]
+    assert tabs == [shorten(run, 40) for run in by_agreement(tyres_case[0], tyre_case.RUNS)[::-1]]
+    shown = {*tabs, "path", "truck", "yaw rate [rad/s]", "residual [rad/s]", "result"}
+    assert shown <= set(views(driven))
+
+
+def test_a_log_without_positions_is_recorded_without_a_path(tyres_case, tmp_path):
+    result, tables = tyres_case
+    kept = ("run", "window", "time", "yaw_rate", "yaw_rate_model", "road_wheel_angle", "speed")
+    write(tmp_path / "a.rrd", recording.tyres_part(result, {"tyres": tables["tyres"][[*kept]]}))
+    assert "path" not in views(tmp_path / "a.rrd")
+    assert "yaw rate [rad/s]" in views(tmp_path / "a.rrd")
+    write(tmp_path / "b.rrd", recording.tyres_part(result, {"tyres": tables["tyres"].iloc[:0]}))
+    assert views(tmp_path / "b.rrd") == ["result"]
+
+
+def test_several_stages_have_a_tab_each(steering_case, tyres_case, tmp_path):
+    parts = [recording.steering_part(*steering_case), recording.tyres_part(*tyres_case)]
+    recording.write_recording(tmp_path / "both.rrd", parts, "tyres")
+    assert {"Steering", "Tyres"} <= set(views(tmp_path / "both.rrd"))
+    roots = {entity.split("/")[1] for entity in columns(tmp_path / "both.rrd")}
+    assert roots == {"steering", "tyres"}
+
+
+def test_an_outline_has_its_axles_where_they_are():
+    drawn = outline(front=2.4, rear=2.1, reference_x=-2.1)
+    assert drawn.front_wheels.tolist() == [[4.5, -1.0], [4.5, 1.0]]
+    body, _, right, left = drawn.body
+    assert body[:, 0].min() < -0.5
+    assert body[:, 0].max() > 5.0
+    middles = [(wheel.min(axis=0) + wheel.max(axis=0)) / 2 for wheel in (right, left)]
+    np.testing.assert_allclose(middles, [[0.0, -1.0], [0.0, 1.0]], atol=1e-12)
+
+
+def test_the_outline_stands_about_the_cg_where_nothing_tells_another_point(tyres_case):
+    result = replace(tyres_case[0], fixed={}, by_run=[])
+    assert outline_of(result, "any").front_wheels[0, 0] == 2.3
+    assert outline_of(tyres_case[0], tyre_case.RUNS[0]).front_wheels[0, 0] == pytest.approx(4.5)
+
+
+@pytest.mark.parametrize("name", ["written", "driven"])
+def test_rerun_itself_accepts_the_file(name, request):
     tool = Path(sys.executable).with_name("rerun")
     if not tool.exists():
         pytest.skip(f"the rerun program is not beside {sys.executable}")
-    done = subprocess.run([tool, "rrd", "verify", written], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [tool, "rrd", "verify", request.getfixturevalue(name)], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert "1 file verified without error" in done.stdout + done.stderr
