@@ -32,6 +32,7 @@ class ForcePoints:
     run : (n,) index of the run; times : (n,) since the start of the run [s]
     front_slip_angle, rear_slip_angle : (n,) [rad]; front_force, rear_force : (n,) [N]
     lateral_acceleration : (n,) of the CG [m/s²]; yaw_acceleration : (n,) [rad/s²]
+    cosine : (n,) of the road-wheel angle
     valid : (n,) where all of it comes from samples nearby
     slip_sources : where the lateral velocity comes from
     """
@@ -44,6 +45,7 @@ class ForcePoints:
     rear_force: Array
     lateral_acceleration: Array
     yaw_acceleration: Array
+    cosine: Array
     valid: Mask
     slip_sources: tuple[str, ...]
 
@@ -76,34 +78,44 @@ def invert_forces(
 
 def points_of(motions: Sequence[SmoothMotion], body: Body, yaw_inertia: float) -> ForcePoints:
     """Forces and slip angles from motion that is smoothed already."""
-    rows = [_rows(motion, body, yaw_inertia) for motion in motions]
-    columns = [np.concatenate(parts) if parts else np.zeros(0) for parts in zip(*rows, strict=True)]
-    columns = columns or [np.zeros(0)] * 8
-    finite = np.isfinite(columns[1:]).all(axis=0) if columns[0].size else np.zeros(0, dtype=np.bool_)
-    valid = [motion.valid for motion in motions]
+    rows = np.concatenate(
+        [np.zeros((8, 0)), *(_rows(motion, body, yaw_inertia) for motion in motions)], axis=1
+    )
+    valid = np.concatenate([np.zeros(0, dtype=np.bool_), *(motion.valid for motion in motions)])
+    run = np.concatenate([np.zeros(0), *(np.full(motion.times.size, motion.run) for motion in motions)])
     return ForcePoints(
-        np.concatenate([np.full(m.times.size, m.run) for m in motions] or [np.zeros(0)]).astype(np.intp),
-        *columns,
-        finite & (np.concatenate(valid) if valid else np.zeros(0, dtype=np.bool_)),
-        tuple(dict.fromkeys(m.slip_source for m in motions if m.slip_source)),
+        run=run.astype(np.intp),
+        times=rows[0],
+        front_slip_angle=rows[1],
+        rear_slip_angle=rows[2],
+        front_force=rows[3],
+        rear_force=rows[4],
+        lateral_acceleration=rows[5],
+        yaw_acceleration=rows[6],
+        cosine=rows[7],
+        valid=valid & np.isfinite(rows).all(axis=0),
+        slip_sources=tuple(dict.fromkeys(m.slip_source for m in motions if m.slip_source)),
     )
 
 
-def _rows(motion: SmoothMotion, body: Body, yaw_inertia: float) -> tuple[Array, ...]:
-    """Columns of ``ForcePoints`` from ``times`` to ``yaw_acceleration``."""
+def _rows(motion: SmoothMotion, body: Body, yaw_inertia: float) -> Array:
+    """Rows (8, m): the columns of ``ForcePoints`` from ``times`` to ``cosine``."""
     angle, speed = motion.road_wheel_angle, motion.speed
     front_arm, rear_arm = body.cg_to_front_axle, body.cg_to_rear_axle
     front_slip = angle - np.arctan2(motion.lateral_velocity + front_arm * motion.yaw_rate, speed)
     rear_slip = -np.arctan2(motion.lateral_velocity - rear_arm * motion.yaw_rate, speed)
     moment = yaw_inertia * motion.yaw_acceleration + rear_arm * body.mass * motion.lateral_acceleration
-    front = moment / (body.wheelbase * np.cos(angle))
-    rear = rear_force(motion, body, yaw_inertia)
-    return (
-        motion.times,
-        front_slip,
-        rear_slip,
-        front,
-        rear,
-        motion.lateral_acceleration,
-        motion.yaw_acceleration,
+    cosine = np.cos(angle)
+    front = moment / (body.wheelbase * cosine)
+    return np.stack(
+        [
+            motion.times,
+            front_slip,
+            rear_slip,
+            front,
+            rear_force(motion, body, yaw_inertia),
+            motion.lateral_acceleration,
+            motion.yaw_acceleration,
+            cosine,
+        ]
     )

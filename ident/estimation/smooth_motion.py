@@ -15,7 +15,7 @@ force of the rear axle and its slip angle on one straight line for all windows,
     ∫(a_y - v r) dt = l_r r - v F_yr / C_r + c_0 + c_1 t,
 
 taken where the tyres slip little. Without lateral acceleration it is the velocity of the position across the
-heading, which is noisy and holds v times an error of the heading.
+heading, which is noisy (the window is ``OF_POSITION`` long) and holds v times an error of the heading.
 """
 
 from __future__ import annotations
@@ -36,8 +36,10 @@ Mask = NDArray[np.bool_]
 
 WINDOW = 0.2  # [s]
 PIECE = 10.0  # [s] in which a drift is steady
+OF_POSITION = 0.8  # [s] window where velocities are slopes of the position
 LONGEST_BRIDGE = 0.25  # [s] from a grid point to the nearest sample
-GENTLE = 2.0  # [m/s²] at least
+GENTLE = 2.0  # [m/s²]
+FEWEST = 200
 TYPICAL_COEFFICIENT = 8.0  # [1/rad] cornering stiffness of a heavy axle over its load
 
 
@@ -97,10 +99,6 @@ def _kinematic(record: MotionRecord, bias: Mapping[str, float]) -> SmoothMotion 
     else:
         rising = 0.0 if lateral_velocity is None else smoother.slope(lateral_velocity)
         lateral_acceleration = along * yaw_rate + rising
-    if measured is not None and source == POSITION:  # the integral is better, see above
-        lateral_velocity, source = None, INTEGRAL
-    if measured is not None and source is None:
-        source = INTEGRAL
     nothing = np.full(record.times.size, np.nan)
     return SmoothMotion(
         record.run,
@@ -125,7 +123,8 @@ class _Smoother:
     def __init__(self, record: MotionRecord, bias: Mapping[str, float]) -> None:
         self.record, self.bias = record, bias
         slowest = max((_period(one) for one in record.measured.values() if one.times.size > 1), default=0.0)
-        points = max(WINDOW, 5 * slowest) / record.period
+        own = WINDOW if {"lateral_velocity", "lateral_acceleration"} & set(record.measured) else OF_POSITION
+        points = max(own, 5 * slowest) / record.period
         self.count = min(2 * max(2, round(points / 2)) + 1, record.times.size - (record.times.size + 1) % 2)
         self.known = np.ones(record.times.size, dtype=np.bool_)
 
@@ -157,13 +156,13 @@ class _Smoother:
         found = self.get("lateral_velocity")
         if found is not None:
             return found[0] - arm, MEASURED
+        if "lateral_acceleration" in self.record.measured:
+            return None, INTEGRAL
         known = self.known.copy()
         x, y, heading = (self.get(name) for name in ("position_x", "position_y", "heading"))
         if x is None or y is None or heading is None:
             self.known = known
             return None, None
-        if "lateral_acceleration" in self.record.measured:
-            self.known = known
         return y[1] * np.cos(heading[0]) - x[1] * np.sin(heading[0]) - arm, POSITION
 
     def slope(self, values: Array) -> Array:
@@ -207,22 +206,30 @@ def usual_inertia(body: Body) -> float:
     return body.yaw_inertia or body.mass * body.cg_to_front_axle * body.cg_to_rear_axle
 
 
-def gentle(motion: SmoothMotion) -> Mask:
-    """Valid instants at which the tyres slip little, or at least less than half of the time."""
+def gentle(motions: Sequence[SmoothMotion]) -> list[Mask]:
+    """Of each window the valid instants at which the tyres slip little: below ``GENTLE`` m/s².
+
+    Where all windows together hold fewer than ``FEWEST`` of them, the gentler half.
+    """
+    sizes = [np.abs(motion.lateral_acceleration) for motion in motions]
+    masks = [motion.valid & (size <= GENTLE) for motion, size in zip(motions, sizes, strict=True)]
+    if sum(int(np.count_nonzero(mask)) for mask in masks) >= FEWEST:
+        return masks
+    return [_gentler_half(motion) for motion in motions]
+
+
+def _gentler_half(motion: SmoothMotion) -> Mask:
     size = np.abs(motion.lateral_acceleration)
-    if not motion.valid.any():
-        return motion.valid
-    limit = max(GENTLE, float(np.median(size[motion.valid])))
-    return np.asarray(motion.valid & (size <= limit))
+    return motion.valid & (size <= (np.median(size[motion.valid]) if motion.valid.any() else 0.0))
 
 
 def _with_integrated_velocity(motions: list[SmoothMotion], body: Body) -> list[SmoothMotion]:
     open_ones = [motion for motion in motions if motion.slip_source == INTEGRAL]
     if not open_ones:
         return motions
-    sides = [_sides(motion, body) for motion in open_ones]
-    product = sum(float(x @ y) for _, x, y in sides)
-    square = sum(float(x @ x) for _, x, _ in sides)
+    sides = [_sides(m, body, use) for m, use in zip(open_ones, gentle(open_ones), strict=True)]
+    product = sum(float(x @ y) for x, y in sides)
+    square = sum(float(x @ x) for x, _ in sides)
     load = body.load("rear")
     compliance = product / square if square > 0 else 0.0
     if not 1 / (60 * load) < compliance < 1 / (1.5 * load):
@@ -233,18 +240,16 @@ def _with_integrated_velocity(motions: list[SmoothMotion], body: Body) -> list[S
     ]
 
 
-def _sides(motion: SmoothMotion, body: Body) -> tuple[Array, Array, Array]:
-    """Integral on the grid; -v F_yr and the integral less l_r r where gentle, both without level and drift."""
-    integral = _integral(motion)
-    use = gentle(motion)
+def _sides(motion: SmoothMotion, body: Body, use: Mask) -> tuple[Array, Array]:
+    """-v F_yr and the integral less l_r r where ``use``, both without level and drift."""
     force = -motion.speed * rear_force(motion, body, usual_inertia(body))
-    left = integral - body.cg_to_rear_axle * motion.yaw_rate
-    return integral, _without_drift(motion.times, force, use)[use], _without_drift(motion.times, left, use)[use]
+    left = _integral(motion) - body.cg_to_rear_axle * motion.yaw_rate
+    return _without_drift(motion.times, force, use)[use], _without_drift(motion.times, left, use)[use]
 
 
 def _integral(motion: SmoothMotion) -> Array:
     rate = motion.lateral_acceleration - motion.speed * motion.yaw_rate
-    return np.asarray(cumulative_trapezoid(rate, motion.times, initial=0.0))
+    return np.asarray(cumulative_trapezoid(rate, motion.times, initial=0))
 
 
 def _without_drift(times: Array, values: Array, use: Mask) -> Array:
@@ -255,7 +260,9 @@ def _without_drift(times: Array, values: Array, use: Mask) -> Array:
 
 
 def _integrated(motion: SmoothMotion, body: Body, compliance: float) -> SmoothMotion:
-    use = gentle(motion)
+    use = motion.valid & (np.abs(motion.lateral_acceleration) <= GENTLE)
+    if np.count_nonzero(use) < FEWEST:
+        use = _gentler_half(motion)
     if np.count_nonzero(use) < 3:
         return replace(motion, valid=np.zeros_like(motion.valid))
     force = rear_force(motion, body, usual_inertia(body))
