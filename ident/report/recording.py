@@ -42,6 +42,8 @@ MARGIN = 0.5
 """Shown before and after an experiment [s]."""
 MOST_SIGNALS = 3
 SIDES = ("front_right", "front_left")
+ABOVE = 0.05
+"""How far above the ground what is simulated is drawn, so that it is seen [m]."""
 HEIGHT_NEAR = 25.0
 """Of the eye above a truck that it follows [m]."""
 POSE_PERIOD = 0.05
@@ -293,23 +295,25 @@ def tyres_part(result: TyresResult, tables: Mapping[str, pd.DataFrame]) -> Part:
 def _log_still(recording: rr.RecordingStream, root: str, rows: pd.DataFrame, outline: Outline) -> None:
     """Log what stands still: paths, the outline of the truck in its own frame, colours of lines."""
     for signal in measured_signals(rows):
-        unit = SIGNALS[signal].unit
+        unit = _unit(signal)
         for role in ("measured", "modelled", "residual"):
             width = 2.5 if role == "measured" else 1.5
             _log_style(recording, f"{root}/{signal}/{role}", role, f"{role} [{unit}]", width)
     for name in ("road_wheel_angle", "speed"):
-        _log_style(recording, f"{root}/{name}", "request", f"{name} [{SIGNALS[name].unit}]", 1.5)
+        _log_style(recording, f"{root}/{name}", "request", f"{name.replace('_', ' ')} [{_unit(name)}]", 1.5)
     for way, pose in poses(rows).items():
-        recording.log(f"{root}/path/{way}", _strips(_path(pose), way, 1.0), static=True, strict=True)
+        recording.log(f"{root}/path/{way}", _strips(_path(pose), way), static=True, strict=True)
         truck = f"{root}/truck/{way}"
-        recording.log(f"{truck}/body", _strips(outline.body, way, 2.0), static=True, strict=True)
+        recording.log(f"{truck}/body", _strips(outline.body, way), static=True, strict=True)
         for side in SIDES:
-            recording.log(f"{truck}/{side}", _strips([outline.wheel], way, 2.0), static=True, strict=True)
+            recording.log(f"{truck}/{side}", _strips([outline.wheel], way), static=True, strict=True)
 
 
-def _strips(strips: Sequence[Array], role: str, width: float) -> rr.LineStrips3D:
-    flat = [np.column_stack([strip, np.zeros(len(strip))]) for strip in strips]
-    return rr.LineStrips3D(flat, colors=[_rgb(DARK[role])], radii=rr.Radius.ui_points(width))
+def _strips(strips: Sequence[Array], way: str) -> rr.LineStrips3D:
+    """Draw lines on the ground, those of the model thinner and above the measured ones."""
+    height, width = (0.0, 2.2) if way == "measured" else (ABOVE, 1.1)
+    flat = [np.column_stack([strip, np.full(len(strip), height)]) for strip in strips]
+    return rr.LineStrips3D(flat, colors=[_rgb(DARK[way])], radii=rr.Radius.ui_points(width))
 
 
 def _path(pose: Poses) -> list[Array]:
@@ -372,12 +376,16 @@ def _motion_tab(run: str, rows: pd.DataFrame) -> rrb.Container:
     return rrb.Horizontal(maps, signals, column_shares=[1.0, 1.3], name=title)
 
 
+def _unit(signal: str) -> str:
+    return SIGNALS[signal].unit.replace("^2", "²")
+
+
 def _signal_views(root: str, rows: pd.DataFrame, span: tuple[float, float]) -> rrb.Vertical:
     """Show the steering, then the first signals that were measured, each with its residual below."""
     steering = {"road_wheel_angle": driven(rows, "road_wheel_angle")}
     views, shares = [_series(root, span, "road-wheel angle [rad]", steering)], [1.2]
     for signal in measured_signals(rows)[:MOST_SIGNALS]:
-        lines, unit = compared(rows, signal)._asdict(), SIGNALS[signal].unit
+        lines, unit = compared(rows, signal)._asdict(), _unit(signal)
         entities = {f"{signal}/{role}": line for role, line in lines.items()}
         residual = {f"{signal}/residual": entities.pop(f"{signal}/residual")}
         views.append(_series(root, span, f"{signal.replace('_', ' ')} [{unit}]", entities))

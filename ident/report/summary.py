@@ -23,7 +23,6 @@ from ident.report.tyre_parameters import (
     chosen_fit,
     displayed,
     estimates,
-    full_name,
     parameter,
     short_name,
     signal_unit,
@@ -130,7 +129,7 @@ def describe_tyres(result: TyresResult) -> str:
         "characteristic_speed": result.characteristic_speed,
     }
     found = [
-        (short_name(name) if "." in name else parameter(name).symbol, full_name(name), displayed(estimate))
+        (short_name(name), parameter(name).name, displayed(estimate))
         for name, estimate in (estimates(fit) | derived).items()
     ]
     lines = [plain(result.verdict), f"  tyres: {KINDS[result.chosen]} ({plain(result.why)})", ""]

@@ -9,6 +9,7 @@ from playwright.sync_api import sync_playwright
 from ident.report.html import write_report
 from ident.report.pages.info import info_page
 from ident.report.pages.steering import steering_page
+from ident.report.pages.tyres import tyres_page
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
@@ -152,4 +153,51 @@ def test_an_injected_script_would_not_run(browser, report, tmp_path):
     opened = Visit(browser, broken)
     assert opened.tab.evaluate("window.injected") is None
     assert any("Content Security Policy" in line for line in opened.said)
+    opened.tab.close()
+
+
+# --- tyres -----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def tyres_report(steering_case, tyres_case, tmp_path_factory):
+    pages = [steering_page(*steering_case), tyres_page(*tyres_case)]
+    return write_report(tmp_path_factory.mktemp("report"), pages)
+
+
+@pytest.fixture(scope="module")
+def tyres_visit(browser, tyres_report):
+    opened = Visit(browser, tyres_report)
+    yield opened
+    opened.tab.close()
+
+
+def test_the_first_screen_of_the_tyres_holds_verdict_parameters_and_curves(tyres_visit):
+    for selector in (".verdict", ".lead table", ".lead .figure .cartesianlayer"):
+        box = tyres_visit.boxes(f"#tyres {selector}")[0]
+        assert box["width"] > 400
+        assert box["y"] + box["height"] <= 900
+    assert "334.0" in tyres_visit.tab.inner_text("#tyres .lead table")
+
+
+def test_every_figure_of_the_tyres_is_drawn_and_nothing_is_said_or_executed(tyres_visit):
+    counts = drawn_lines(tyres_visit.tab, "#tyres")
+    assert len(counts) >= 5
+    assert min(count for index, count in enumerate(counts) if index != len(counts) - 1) > 0
+    assert tyres_visit.tab.query_selector_all("#tyres-correlation .heatmaplayer .hm")
+    assert tyres_visit.said == []
+    assert tyres_visit.tab.evaluate("window.injected") is None
+    assert "<img src=x onerror=" in tyres_visit.tab.inner_text("#tyres-signals")
+    assert tyres_visit.tab.query_selector_all("main img") == []
+
+
+def test_the_scale_of_the_points_follows_a_dark_screen(browser, tyres_report):
+    opened = Visit(browser, tyres_report, color_scheme="dark")
+    fills = opened.tab.evaluate(
+        "[...document.querySelectorAll('#tyres .lead path.point')].map(p => getComputedStyle(p).fill)"
+    )
+    assert len(set(fills)) > 20
+    assert "rgb(226, 238, 244)" in fills
+    assert "rgb(35, 58, 70)" not in fills
+    assert opened.said == []
     opened.tab.close()

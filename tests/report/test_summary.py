@@ -1,8 +1,9 @@
 from dataclasses import replace
 
 import pytest
+from tyre_case import NO_PEAK
 
-from ident.report.summary import describe_steering, experiment_lines, parameter_lines
+from ident.report.summary import describe_steering, describe_tyres, experiment_lines, parameter_lines
 from ident.results import Bandwidth, Cutoff, Estimate, Experiment, Refusal
 
 
@@ -89,3 +90,26 @@ def test_the_bandwidth_stands_with_its_interval_and_its_check(steering_case, ove
     at = next(i for i, line in enumerate(lines) if line.startswith("bandwidth: "))
     assert lines[at] == f"bandwidth: 3.518 (3.478 … 3.558) rad/s, {said} the measured response"
     assert lines[at + 1] == "  because of\N{REPLACEMENT CHARACTER}[31m this"
+
+
+def test_tyres_give_the_verdict_the_parameters_and_what_they_rest_on(tyres_case):
+    result = tyres_case[0]
+    lines = describe_tyres(result).splitlines()
+    assert lines[0] == result.verdict
+    assert lines[1] == "  tyres: Magic Formula (least criterion: 800 below the piecewise linear one)"
+    stiffness = next(line for line in lines if line.startswith("  front Cα "))
+    assert " ".join(stiffness.split()) == "front Cα cornering stiffness 334.0 328.8 … 339.2 kN/rad"
+    assert next(line for line in lines if line.startswith("  rear E ")).endswith("not identifiable")
+    reason = next(line for line in lines if NO_PEAK in line)
+    assert reason.startswith("  front C, front E, rear C, rear E: ")
+    assert any(line.startswith("RMS error: yaw rate 4.2") for line in lines)
+    assert any(line.startswith("taken as exact: cg to front axle, cg to rear axle:") for line in lines)
+    assert lines[-1] == f"next: {result.next_step}"
+
+
+def test_tyres_without_anything_known_are_still_described(tyres_case):
+    result = replace(tyres_case[0], fixed={}, excited={}, refused=[], warnings=["\x1b[2J"], next_step=None)
+    text = describe_tyres(result)
+    assert "slip angles excited: none" in text
+    assert "\x1b" not in text
+    assert "taken as exact" not in text
