@@ -270,7 +270,7 @@ def _believable(
     points: ForcePoints,
     body: Body,
 ) -> bool:
-    """Whether the stiffness is near that of gentle driving, and the peak between the force seen and 5 loads."""
+    """Whether the stiffness is near that of gentle driving, and the peak not below what was seen."""
     stiffness = values["cornering_stiffness"]
     near = 0.4 < stiffness / usual["cornering_stiffness"] < 2.5
     peak = values.get("peak_force", stiffness * values.get("saturation_slip", np.inf))

@@ -44,6 +44,7 @@ FACTORS = (
     (3.6, "km/h taken as m/s"),
 )
 FACTOR_TOLERANCE = 1.25
+FIX = "check unit and sign (left positive; invert: true turns it)"
 POSSIBLE_SIDEWAYS = (0.2, 5.0)
 LATE_DOUBTED, LATE_REFUSED = 0.03, 0.1  # [s]
 
@@ -237,7 +238,7 @@ def _all_disagree(subject: str, wrong: Mapping[str, _Pair]) -> Finding:
     others = ", ".join(wrong)
     text = (
         f"{subject} disagrees with {others}: they are {_times(pair.ratio)} what it says"
-        f"{_meaning(pair.ratio)}: check its unit and sign (left positive) in channels.yaml"
+        f"{_meaning(pair.ratio)}: {FIX} of {subject} in channels.yaml"
     )
     return Finding(WANTED[name], "refused", (subject,), pair.ratio, pair.correlation, text)
 
@@ -246,7 +247,7 @@ def _one_disagrees(name: str, subject: str, pair: _Pair, others_agree: bool) -> 
     culprit = name if others_agree else f"{name} or {subject}"
     text = (
         f"{WANTED[name]} is {pair.ratio:.3g} (correlation {pair.correlation:.2f}), need about 1"
-        f"{_meaning(pair.ratio, name)}: check unit and sign (left positive) of {culprit} in channels.yaml"
+        f"{_meaning(pair.ratio, name)}: {FIX} of {culprit} in channels.yaml"
     )
     signals = (name,) if others_agree else (name, subject)
     return Finding(WANTED[name], "refused", signals, pair.ratio, pair.correlation, text)
@@ -352,7 +353,7 @@ def _lateral_velocity(scene: _Scene) -> list[Finding]:
         text = f"{check} is {pair.ratio:.3g} (correlation {pair.correlation:.2f}), expected about 1"
         if not pair.off(*POSSIBLE_SIDEWAYS):
             return [Finding(check, "fine", (), pair.ratio, pair.correlation, text)]
-        hint = f"{_meaning(pair.ratio)}: check unit and sign (left positive) in channels.yaml"
+        hint = f"{_meaning(pair.ratio)}: {FIX} of it in channels.yaml"
         return [Finding(check, "refused", ("lateral_velocity",), pair.ratio, pair.correlation, text + hint)]
     return []
 

@@ -32,6 +32,7 @@ class Channel(BaseModel):
     at : the point of the vehicle that it refers to, None: that of the vehicle file
     stamp : the time of a sample: that of the sender, where the message holds one, or of the recorder
     equals : the signal is 1 where the field has this value, else 0
+    invert : the field counts the other way (right or clockwise positive): the sign is turned
     derivative_of : the signal is the rate of change of this one
     """
 
@@ -44,18 +45,23 @@ class Channel(BaseModel):
     at: ReferencePoint | None = None
     stamp: Literal["header", "log"] = "header"
     equals: float | None = None
+    invert: bool = False
     derivative_of: str | None = None
 
     @model_validator(mode="after")
     def _is_complete(self) -> Channel:
         if self.derivative_of is not None:
-            if self.topic or self.field or self.unit or self.as_ or self.equals is not None:
-                raise ValueError("'derivative_of' stands alone: leave out topic, field, unit, as and equals")
+            if self.topic or self.field or self.unit or self.as_ or self.equals is not None or self.invert:
+                raise ValueError(
+                    "'derivative_of' stands alone: leave out topic, field, unit, as, equals, invert"
+                )
             return self
         if not self.topic or not self.field:
             raise ValueError("needs 'topic' and 'field', or 'derivative_of'")
         if self.unit is None and self.as_ is None and self.equals is None:
             raise ValueError("needs 'unit', such as 'rad' or 'deg/s', or 'raw' for a count")
+        if self.invert and self.equals is not None:
+            raise ValueError("'equals' gives 0 or 1: leave out 'invert'")
         return self
 
 
@@ -160,8 +166,9 @@ def _text(unit: str) -> str:
 
 
 def scale(name: str, channel: Channel) -> tuple[float, bool]:
-    """Return the factor to SI of a signal's field, and whether it is a mere count."""
+    """Return the factor to SI of a signal's field with its sign, and whether it is a mere count."""
+    sign = -1.0 if channel.invert else 1.0
     if channel.unit is None or channel.as_ is not None or channel.equals is not None:
-        return 1.0, False
+        return sign, False
     needed = SIGNALS[name].unit
-    return factor(channel.unit, needed, name), is_raw(channel.unit, needed)
+    return sign * factor(channel.unit, needed, name), is_raw(channel.unit, needed)

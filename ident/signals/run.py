@@ -304,7 +304,7 @@ def _make_signal(
 def _values(name: str, channel: Channel, columns: Columns) -> tuple[Array, bool]:
     field = str(channel.field)
     if channel.as_ is not None:
-        return _angle(channel.as_, field, columns), False
+        return scale(name, channel)[0] * _angle(channel.as_, field, columns), False
     values = columns.values[field]
     if channel.equals is not None:
         return np.where(np.isnan(values), np.nan, values == channel.equals), False

@@ -100,6 +100,8 @@ def test_the_built_in_maps_are_valid_and_name_steering_pairs():
             "is not the rate of change of 'speed' (m/s per second)",
         ),
         ("signals: {yaw_rate: {derivative_of: heading, topic: /a}}", "stands alone"),
+        ("signals: {yaw_rate: {derivative_of: heading, invert: true}}", "stands alone"),
+        ("signals: {engaged: {topic: /a, field: b, equals: 1, invert: true}}", "leave out 'invert'"),
         ("signals: {yaw_rate: []}", "yaw_rate"),
         ("signals: {yaw_rate: 3}", "yaw_rate"),
     ],

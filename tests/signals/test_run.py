@@ -77,6 +77,19 @@ def test_units_are_converted_and_counts_are_marked(tmp_path):
     assert not run.signals["speed"].raw
 
 
+def test_a_field_that_counts_the_other_way_is_turned(tmp_path):
+    run = load(
+        tmp_path / "logs",
+        [angle(k, 90.0) for k in range(3)] + [odometry(nanoseconds(k), 0.0, 0.0, 0.4) for k in range(3)],
+        channels=[
+            "steering_wheel_angle: {topic: /vehicle/steering_wheel, field: angle, unit: deg, invert: true}",
+            "heading: {topic: /localization/odometry, field: pose.pose.orientation, as: yaw, invert: true}",
+        ],
+    )
+    assert run.signals["steering_wheel_angle"].values.tolist() == pytest.approx([-np.pi / 2] * 3)
+    assert run.signals["heading"].values.tolist() == pytest.approx([-0.4] * 3)
+
+
 def test_samples_are_sorted_by_stamp_and_the_disorder_is_counted(tmp_path):
     stamps = [0.0, 0.1, 0.3, 0.2, 0.4]
     run = load(tmp_path / "logs", [angle(stamp, stamp, time=k / 10) for k, stamp in enumerate(stamps)])
