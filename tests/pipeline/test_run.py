@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -74,6 +74,10 @@ def fake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> FakeStage:
     return fake
 
 
+def second_page(first: FakeStage) -> Callable[[Any, Any], Page]:
+    return lambda result, _: replace(first.page(result, {}), name="steering", title="Second")
+
+
 def go(options: RunOptions | None = None, logs: Sequence[str] = ("my_logs",)) -> pipeline.Outcome:
     return run_stage("info", [Path(log) for log in logs], options or RunOptions(), lambda *_: None)
 
@@ -120,11 +124,7 @@ def test_a_second_stage_joins_the_report_of_the_first(
 ) -> None:
     go()
     second = FakeStage(warnings=["of the second"])
-
-    def page(result: Any, _: Any) -> Page:
-        return replace(fake.page(result, {}), name="steering", title="Second")
-
-    monkeypatch.setitem(STAGES, "steering", Stage(second.run, str, page))
+    monkeypatch.setitem(STAGES, "steering", Stage(second.run, str, second_page(fake)))
     monkeypatch.setitem(pipeline.STAGES, "steering", STAGES["steering"])
     monkeypatch.setitem(ident.pipeline.store.RESULTS, "steering", InfoResult)
     outcome = run_stage("steering", [Path("my_logs")], RunOptions(), lambda *_: None)
@@ -132,6 +132,25 @@ def test_a_second_stage_joins_the_report_of_the_first(
     assert "one &lt;b&gt;warning" in html
     assert "of the second" in html
     assert len(fake.recorded) == 1
+
+
+def test_the_recording_holds_every_stage_and_opens_at_the_one_that_was_run(
+    fake: FakeStage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[tuple[list[str], str]] = []
+    monkeypatch.setattr(
+        "ident.report.recording.write_recording",
+        lambda path, parts, shown: (
+            path.write_bytes(b"recording"),
+            written.append(([part.stage for part in parts], shown)),
+        ),
+    )
+    second = FakeStage(name="steering")
+    go()
+    monkeypatch.setitem(STAGES, "steering", replace(second.stage(), page=second_page(fake)))
+    monkeypatch.setitem(ident.pipeline.store.RESULTS, "steering", InfoResult)
+    run_stage("steering", [Path("my_logs")], RunOptions(), lambda *_: None)
+    assert written == [(["info"], "info"), (["info", "steering"], "steering")]
 
 
 def test_a_stage_that_refuses_leaves_nothing_behind(fake: FakeStage, tmp_path: Path) -> None:
