@@ -135,7 +135,7 @@ def describe_tyres(result: TyresResult) -> str:
     lines = [plain(result.verdict), f"  tyres: {KINDS[result.chosen]} ({plain(result.why)})", ""]
     lines += [*_table_lines(found), "", *_tyre_fit_lines(result)]
     lines += _limited("refused", [f"{refusal.what}: {refusal.reason}" for refusal in result.refused])
-    lines += _limited("warning", [*fit.warnings, *result.warnings])
+    lines += _limited("warning", result.warnings)
     if result.next_step:
         lines += ["", f"next: {plain(result.next_step)}"]
     return "\n".join(lines)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from ident.glossary import SIGNALS
@@ -62,9 +63,17 @@ DISPLAYED = {
 }
 """SI unit -> factor and unit of what is shown."""
 
+ERRORS = (
+    *("yaw_rate", "lateral_acceleration", "lateral_velocity", "heading"),
+    *("position_along", "position_across", "position_x", "position_y"),
+)
+"""What errors are told of, in this order; the position may be compared along and across the path."""
+
 SHORT_SIGNALS = {
     "lateral_acceleration": "lat. acceleration",
     "lateral_velocity": "lat. velocity",
+    "position_along": "along path",
+    "position_across": "across path",
     "position_x": "x",
     "position_y": "y",
 }
@@ -102,13 +111,19 @@ def displayed(estimate: Estimate) -> Estimate:
 
 def signal_unit(signal: str) -> tuple[float, str]:
     """Give the factor and the unit in which errors of a signal are shown."""
-    unit = SIGNALS[signal].unit if signal in SIGNALS else "1"
+    unit = SIGNALS[signal].unit if signal in SIGNALS else "m" if signal.startswith("position_") else "1"
     return DISPLAYED.get(unit, (1.0, unit.replace("^2", "²")))
 
 
 def signal_head(signal: str) -> str:
     """Head a column of errors of a signal."""
     return f"{SHORT_SIGNALS.get(signal, signal.replace('_', ' '))} [{signal_unit(signal)[1]}]"
+
+
+def in_order(signals: Iterable[str]) -> list[str]:
+    """Put signals into the order in which their errors are told."""
+    found = dict.fromkeys(signals)
+    return [name for name in ERRORS if name in found] + [name for name in found if name not in ERRORS]
 
 
 def chosen_fit(result: TyresResult) -> TyreFit:

@@ -28,12 +28,12 @@ from ident.report.tyre_parameters import (
     displayed,
     estimates,
     full_name,
+    in_order,
     parameter,
     short_name,
     signal_head,
     signal_unit,
 )
-from ident.report.tyre_signals import SIGNALS
 from ident.results import (
     EffectEstimate,
     Estimate,
@@ -146,7 +146,7 @@ def _stated(fixed: FixedValue) -> Cell:
 
 def fits(result: TyresResult) -> Table:
     """Give every kind of tyres that was fitted: errors of each signal, criterion, what follows from it."""
-    signals = [name for name in SIGNALS if any(name in fit.rms for fit in result.fits)]
+    signals = in_order(name for fit in result.fits for name in fit.rms)
     columns = [
         Column("tyres"),
         *[Column(signal_head(name), "number") for name in signals],
@@ -199,7 +199,7 @@ def kind_parameters(fit: TyreFit) -> Table:
 
 def by_run(result: TyresResult) -> Table:
     """Give how well the chosen model follows each run, and whether the run agrees with the others."""
-    signals = [name for name in SIGNALS if any(name in run.rms for run in result.by_run)]
+    signals = in_order(name for run in result.by_run for name in run.rms)
     columns = [
         Column("run", wrap=True),
         Column("windows", "number"),
