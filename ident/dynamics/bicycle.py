@@ -96,7 +96,7 @@ def bicycle(front: str, rear: str, effects: tuple[Effect, ...] = (STEERING_OFFSE
     states = planar_motion(ports.known, lateral)
     measured = measurements(ports, lateral)
     parameters = (*BODY, *tyres, *MOUNTING, *ports.parameter_names())
-    return System(f"bicycle_{front}_{rear}", states, INPUTS, parameters, measured)
+    return System(f"bicycle_{front}_{rear}", states, INPUTS, parameters, measured, ports.intermediates)
 
 
 def lateral_dynamics(ports: Ports, front: str, rear: str) -> Lateral:
@@ -107,8 +107,10 @@ def lateral_dynamics(ports: Ports, front: str, rear: str) -> Lateral:
     known = ports.known
     l_f, l_r = known["cg_to_front_axle"], known["cg_to_rear_axle"]
     angle = ports.through("road_wheel_angle", known["road_wheel_angle"])
-    slip_f = ports.through("front_slip_angle", slip_angle(*_velocity_at(known, l_f), angle))
-    slip_r = ports.through("rear_slip_angle", slip_angle(*_velocity_at(known, -l_r), sympy.Integer(0)))
+    front_wheel = wheel_velocity(*_velocity_at(known, l_f), angle)
+    rear_wheel = wheel_velocity(*_velocity_at(known, -l_r), sympy.Integer(0))
+    slip_f = ports.through("front_slip_angle", slip_angle(*_as_named(ports, "front", front_wheel)))
+    slip_r = ports.through("rear_slip_angle", slip_angle(*_as_named(ports, "rear", rear_wheel)))
     load = known["mass"] * GRAVITY / (l_f + l_r)
     force_f = ports.through("front_lateral_force", TYRES[front].force_at("front", slip_f, load * l_r))
     force_r = ports.through("rear_lateral_force", TYRES[rear].force_at("rear", slip_r, load * l_f))
@@ -125,14 +127,18 @@ def lateral_dynamics(ports: Ports, front: str, rear: str) -> Lateral:
     )
 
 
-def slip_angle(along: Expr, across: Expr, angle: Expr) -> Expr:
-    """Slip angle of a wheel [rad], with the source's sign.
+def wheel_velocity(along: Expr, across: Expr, angle: Expr) -> tuple[Expr, Expr]:
+    """Velocity along and across a wheel from that along and across the vehicle [m/s].
 
-    along, across : velocity of the wheel's centre in the vehicle's frame [m/s]
     angle : of the wheel to the vehicle [rad]
     """
     cosine, sine = sympy.cos(angle), sympy.sin(angle)
-    return -sympy.atan((across * cosine - along * sine) / guarded(along * cosine + across * sine, CRAWL))
+    return along * cosine + across * sine, across * cosine - along * sine
+
+
+def slip_angle(along: Expr, across: Expr) -> Expr:
+    """Slip angle [rad], with the source's sign, of a wheel with this velocity along and across it [m/s]."""
+    return -sympy.atan(across / guarded(along, CRAWL))
 
 
 def planar_motion(known: Mapping[str, Expr], lateral: Lateral) -> dict[str, Expr]:
@@ -211,6 +217,11 @@ def _motion(known: Mapping[str, Expr]) -> tuple[Expr, Expr, Expr, Expr]:
         known[n] for n in ("longitudinal_velocity", "lateral_velocity", "yaw_rate", "heading")
     )
     return along, across, turn, heading
+
+
+def _as_named(ports: Ports, axle: str, velocity: tuple[Expr, Expr]) -> tuple[Expr, Expr]:
+    along, across = velocity
+    return ports.named(f"{axle}_wheel_along", along), ports.named(f"{axle}_wheel_across", across)
 
 
 def _velocity_at(known: Mapping[str, Expr], forward: Expr) -> tuple[Expr, Expr]:

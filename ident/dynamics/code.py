@@ -55,10 +55,11 @@ def _groups(system: System) -> dict[str, Sequence[str]]:
 
 
 def _names(system: System) -> dict[Symbol, str]:
-    """Identifiers of the symbols: x_yaw_rate, u_road_wheel_angle, p_front_shape."""
+    """Identifiers of the symbols: x_yaw_rate, u_road_wheel_angle, p_front_shape, v_front_slip_angle."""
+    groups = {**_groups(system), "v": tuple(system.intermediates)}
     named = {
         symbol: f"{kind}_{symbol.name.replace('.', '_')}"
-        for kind, names in _groups(system).items()
+        for kind, names in groups.items()
         for symbol in symbols(names)
     }
     if len(set(named.values())) != len(named):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import sympy
 from sympy import Expr, Symbol
 
-from ident.dynamics.system import System, symbols
+from ident.dynamics.system import System, symbol, symbols
 
 FORBIDDEN = (
     sympy.Derivative,
@@ -62,37 +62,90 @@ def derive(system: System) -> Derived:
         If a derivative does not exist as a plain expression: a function with a kink was used that is not
         one of ``ident.dynamics.symbols``.
     """
-    columns = {
-        "x": symbols(system.states),
-        "u": symbols(system.inputs),
-        "p": symbols(system.parameters),
-    }
     expressions = system.expressions
     rates, outputs = expressions[: len(system.states)], expressions[len(system.states) :]
     return Derived(
-        rates=_block(system.name, rates, {}),
-        rates_with_jacobian=_block(system.name, rates, columns),
-        outputs=_block(system.name, outputs, {}),
-        outputs_with_jacobian=_block(system.name, outputs, columns),
+        rates=_block(system, rates, with_jacobian=False),
+        rates_with_jacobian=_block(system, rates, with_jacobian=True),
+        outputs=_block(system, outputs, with_jacobian=False),
+        outputs_with_jacobian=_block(system, outputs, with_jacobian=True),
     )
 
 
-def _block(name: str, functions: Sequence[Expr], columns: dict[str, list[Expr]]) -> Block:
+def _block(system: System, functions: Sequence[Expr], *, with_jacobian: bool) -> Block:
+    on_the_way = _needed(system, functions)
     entries: dict[str, dict[Entry, int]] = {kind: {} for kind in ("x", "u", "p")}
     jacobian: list[Expr] = []
-    for kind, wanted in columns.items():
-        for i, function in enumerate(functions):
-            present = function.free_symbols
-            for j, column in enumerate(wanted):
-                if column not in present:
-                    continue
-                entry = sympy.diff(function, column)
-                if entry != 0:
-                    entries[kind][i, j] = len(jacobian)
-                    jacobian.append(entry)
-    everything = [*functions, *jacobian]
+    named = dict(on_the_way)
+    if with_jacobian:
+        columns = {"x": system.states, "u": system.inputs, "p": system.parameters}
+        for kind, names in columns.items():
+            for j, column in enumerate(symbols(names)):
+                slopes = _slopes(on_the_way, column, f"{kind}{j}", named)
+                for i, function in enumerate(functions):
+                    entry = _total(function, column, slopes)
+                    if entry != 0:
+                        entries[kind][i, j] = len(jacobian)
+                        jacobian.append(entry)
+    everything = [*named.values(), *functions, *jacobian]
     for expression in everything:
         if expression.has(*FORBIDDEN):
-            raise ValueError(f"{name}: no plain derivative of {expression}: use ident.dynamics.symbols")
-    assignments, reduced = sympy.cse(everything, symbols=sympy.numbered_symbols("t", real=True))
-    return Block(assignments, reduced[: len(functions)], entries, reduced[len(functions) :])
+            raise ValueError(
+                f"{system.name}: no plain derivative of {expression}: use ident.dynamics.symbols"
+            )
+    temporaries, reduced = sympy.cse(everything, symbols=sympy.numbered_symbols("t", real=True))
+    values = reduced[len(named) :]
+    assignments = _ordered([*temporaries, *zip(named, reduced, strict=False)])
+    return Block(assignments, values[: len(functions)], entries, values[len(functions) :])
+
+
+def _needed(system: System, functions: Sequence[Expr]) -> dict[Symbol, Expr]:
+    """The intermediates that functions use, in order."""
+    used = set().union(*(function.free_symbols for function in functions))
+    needed: dict[Symbol, Expr] = {}
+    for name, value in reversed(list(system.intermediates.items())):
+        if symbol(name) in used:
+            needed[symbol(name)] = value
+            used |= value.free_symbols
+    return dict(reversed(list(needed.items())))
+
+
+def _slopes(
+    on_the_way: dict[Symbol, Expr], column: Symbol, tag: str, named: dict[Symbol, Expr]
+) -> dict[Symbol, Expr]:
+    """Total derivative of each intermediate to one column; each gets a name, which is added to ``named``."""
+    slopes: dict[Symbol, Expr] = {}
+    for place, (name, value) in enumerate(on_the_way.items()):
+        slope = _total(value, column, slopes)
+        if slope == 0:
+            continue
+        if not slope.is_Atom:
+            named[symbol(f"d{place}_{tag}")] = slope
+            slope = symbol(f"d{place}_{tag}")
+        slopes[name] = slope
+    return slopes
+
+
+def _total(function: Expr, column: Symbol, slopes: dict[Symbol, Expr]) -> Expr:
+    """Derivative to a column, directly and through the intermediates."""
+    present = function.free_symbols
+    parts = [sympy.diff(function, name) * slope for name, slope in slopes.items() if name in present]
+    return sympy.Add(*parts, sympy.diff(function, column) if column in present else 0)
+
+
+def _ordered(assignments: Sequence[tuple[Symbol, Expr]]) -> list[tuple[Symbol, Expr]]:
+    """Assignments such that each uses only those before it."""
+    left = dict(assignments)
+    done: dict[Symbol, Expr] = {}
+
+    def place(name: Symbol) -> None:
+        value = left.pop(name)
+        for other in sorted(value.free_symbols & set(left), key=str):
+            if other in left:
+                place(other)
+        done[name] = value
+
+    for name, _ in assignments:
+        if name in left:
+            place(name)
+    return list(done.items())

@@ -60,4 +60,4 @@ def kinematic(*, rear_steer: bool = False, effects: tuple[Effect, ...] = (STEERI
     outputs = {name: ports.through(f"measured_{name}", value) for name, value in read.items()}
     parameters = (*DISTANCES, *MOUNTING, *ports.parameter_names())
     name = "kinematic_rear_steer" if rear_steer else "kinematic"
-    return System(name, states, inputs, parameters, outputs)
+    return System(name, states, inputs, parameters, outputs, ports.intermediates)

@@ -76,7 +76,8 @@ def driven_bicycle(
         **measurements(ports, lateral),
     }
     parameters = (*BODY, *RESISTANCE, *tyres, *MOUNTING, *ports.parameter_names())
-    return System(f"driven_bicycle_{front}_{rear}", states, INPUTS, parameters, outputs)
+    name = f"driven_bicycle_{front}_{rear}"
+    return System(name, states, INPUTS, parameters, outputs, ports.intermediates)
 
 
 def _contact_force(ports: Ports, lateral: Lateral) -> Expr:

@@ -81,4 +81,4 @@ def assignments(
     printer: ScalarPrinter, temporaries: Sequence[tuple[Symbol, Expr]], indent: str = "    "
 ) -> list[str]:
     """One line for each temporary."""
-    return [f"{indent}{name.name} = {printer.doprint(value)}" for name, value in temporaries]
+    return [f"{indent}{printer.doprint(name)} = {printer.doprint(value)}" for name, value in temporaries]

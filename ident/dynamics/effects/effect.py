@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import sympy
 from sympy import Expr
 
 from ident.dynamics.parameter import Parameter
@@ -47,10 +48,12 @@ class Ports:
     """The values of a model that is being built, each after the effects that enter there.
 
     known : states, inputs and parameters by name, to begin with
+    intermediates : name -> expression, of every port that is more than a name; what follows uses the name
     """
 
     def __init__(self, known: Mapping[str, Expr], effects: Sequence[Effect]) -> None:
         self.known = dict(known)
+        self.intermediates: dict[str, Expr] = {}
         self._effects = effects
         self._passed: set[str] = set()
 
@@ -59,8 +62,16 @@ class Ports:
         for effect in self._effects:
             if port in effect.changes:
                 value = effect.changes[port](value, self.known)
-        self.known[port] = value
         self._passed.add(port)
+        return self.named(port, value)
+
+    def named(self, name: str, value: Expr) -> Expr:
+        """Give a value on the way a name of its own, and return that."""
+        value = sympy.sympify(value)
+        if not value.is_Atom:
+            self.intermediates[f"at.{name}"] = value
+            value = symbol(f"at.{name}")
+        self.known[name] = value
         return value
 
     def parameter_names(self) -> tuple[str, ...]:

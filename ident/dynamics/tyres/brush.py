@@ -14,7 +14,7 @@ import sympy
 from sympy import Expr
 
 from ident.dynamics.parameter import Parameter
-from ident.dynamics.symbols import absolute, clip
+from ident.dynamics.symbols import choose
 from ident.dynamics.tyres.linear import CORNERING_STIFFNESS
 from ident.dynamics.tyres.tyre import Tyre
 
@@ -29,8 +29,13 @@ def lateral_force(
     peak_force: Expr,
 ) -> Expr:
     """Force of the axle [N]."""
-    z = clip(cornering_stiffness * sympy.tan(slip_angle) / (3 * peak_force), -1, 1)
-    return 3 * peak_force * z * (1 - absolute(z) + z**2 / 3)
+    z = cornering_stiffness * sympy.tan(slip_angle) / (3 * peak_force)
+    return choose(
+        (-peak_force, z < -1),
+        (3 * peak_force * z * (1 + z + z**2 / 3), z < 0),
+        (3 * peak_force * z * (1 - z + z**2 / 3), z < 1),
+        otherwise=peak_force,
+    )
 
 
 BRUSH = Tyre("brush", (CORNERING_STIFFNESS, PEAK_FORCE), lateral_force)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sympy import Expr
 
 from ident.dynamics.parameter import Parameter
+from ident.dynamics.printing import ArrayPrinter
 from ident.dynamics.symbols import symbol
 
 Array = NDArray[np.float64]
@@ -53,7 +54,9 @@ def _evaluated(tyre: Tyre) -> Callable[..., list[Array]]:
     own = [symbol(name) for name in tyre.names]
     force = tyre.lateral_force(slip, load, **dict(zip(tyre.names, own, strict=True)))
     wanted = [force, *(sympy.diff(force, to) for to in (slip, *own))]
-    function: Callable[..., list[Array]] = sympy.lambdify([slip, load, *own], wanted, "numpy", cse=True)
+    function: Callable[..., list[Array]] = sympy.lambdify(
+        [slip, load, *own], wanted, [{"np": np}], printer=ArrayPrinter({}), cse=True
+    )
     return function
 
 
