@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ident.glossary import SIGNALS
 from ident.results import RunHealth
+from ident.signals.health import signal_health
 from ident.signals.run import AT_REFERENCE_POINT
 from ident.signals.signal import Run, Signal
 from ident.vehicle import Vehicle
@@ -44,7 +45,9 @@ def run_of(name: str, motion: MotionSet, vehicle: Vehicle) -> Run:
         channels="as made",
         vehicle="as made",
         topics=[],
-        signals={},
+        signals={
+            one.name: signal_health(one.name, one.unit, "memory", one.values, 0) for one in signals.values()
+        },
         missing=[],
     )
     return Run(name, 0, duration, signals, vehicle, health)

@@ -269,13 +269,28 @@ def _derived_slope(truck: Planar, what: str, name: str) -> float:
 
 SHAPES = ("front.shape", "rear.shape")
 CURVATURES = ("front.curvature", "rear.curvature")
-BELIEFS = {**dict.fromkeys(SHAPES, 0.3), **dict.fromkeys(CURVATURES, 1.0)}
+# what the fit believes beforehand of peak and shape (relative) and of the curvature, see ident's tyre_fit
+BELIEFS = {
+    "front.peak": 0.7 * 46200.0,
+    "rear.peak": 0.7 * 51900.0,
+    **dict.fromkeys(SHAPES, 0.3 * 1.3),
+    **dict.fromkeys(CURVATURES, 2.0),
+}
 CASES: dict[str, tuple[tuple[str, ...], dict[str, float]]] = {
     "all free": ((), {}),
     "E known": (CURVATURES, {}),
     "C and E known": ((*SHAPES, *CURVATURES), {}),
     "beliefs": ((), BELIEFS),
 }
+
+
+def fit_bound(info: Array, truck: Planar) -> dict[str, float]:
+    """Smallest standard deviations of what the fit tells, by the fit's names, with its beliefs."""
+    inverse, names = covariance(info, (), BELIEFS)
+    stds = dict(zip(names, np.sqrt(np.diag(inverse)), strict=True))
+    made = {name: stds[name] for name in (*SHAPES, *CURVATURES, "yaw_inertia")}
+    peaks = {f"{axle}.peak_force": stds[f"{axle}.peak"] for axle in ("front", "rear")}
+    return {**made, **peaks, **derived_std(truck, inverse, names)}
 
 
 def table(info: Array, truck: Planar) -> str:
