@@ -23,6 +23,7 @@ from ident.report.tyre_parameters import (
     chosen_fit,
     displayed,
     estimates,
+    in_order,
     parameter,
     short_name,
     signal_unit,
@@ -134,7 +135,8 @@ def describe_tyres(result: TyresResult) -> str:
     ]
     lines = [plain(result.verdict), f"  tyres: {KINDS[result.chosen]} ({plain(result.why)})", ""]
     lines += [*_table_lines(found), "", *_tyre_fit_lines(result)]
-    lines += _limited("refused", [f"{refusal.what}: {refusal.reason}" for refusal in result.refused])
+    others = [refusal for refusal in result.refused if refusal.what not in estimates(fit)]
+    lines += _limited("refused", [f"{refusal.what}: {refusal.reason}" for refusal in others])
     lines += _limited("warning", result.warnings)
     if result.next_step:
         lines += ["", f"next: {plain(result.next_step)}"]
@@ -143,10 +145,10 @@ def describe_tyres(result: TyresResult) -> str:
 
 def _tyre_fit_lines(result: TyresResult) -> list[str]:
     """Say how well each signal is followed, what range was driven, and what was taken as given."""
-    errors = []
-    for name, value in chosen_fit(result).rms.items():
+    rms, errors = chosen_fit(result).rms, []
+    for name in in_order(rms):
         factor, unit = signal_unit(name)
-        errors.append(f"{name.replace('_', ' ')} {significant(value * factor)} {unit}")
+        errors.append(f"{name.replace('_', ' ')} {significant(rms[name] * factor)} {unit}")
     slips = [
         f"{axle} {angle(ends[0])} … {angle(ends[1])}" for axle in AXLES if (ends := result.excited.get(axle))
     ]

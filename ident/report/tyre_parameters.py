@@ -42,7 +42,11 @@ PARAMETERS = {
     "peak_force": Parameter("D", "peak force", "largest lateral force of the axle"),
     "shape": Parameter("C", "shape", "how far the force falls beyond its peak: D sin(C π/2) is its end"),
     "curvature": Parameter("E", "curvature", "how sharply the force bends before its peak"),
+    "stiffness_factor": Parameter("B", "stiffness factor", "Cα/(C D), of the slip angle inside the formula"),
     "yaw_inertia": Parameter("Iz", "yaw inertia", "about the centre of gravity"),
+    "steering_offset": Parameter(
+        "δ₀", "steering offset", "what the road wheels are off from where they should be"
+    ),
     "understeer_gradient": Parameter(
         "Kᵤₛ",
         "understeer gradient",

@@ -32,7 +32,7 @@ MOST_RUNS_DRAWN = 20
 
 EQUATION = Equation(
     mathml=(
-        '<math display="block"><mtable columnalign="left">'
+        '<math display="block"><mtable columnalign="left" displaystyle="true">'
         "<mtr><mtd><mrow><mi>m</mi><mo>(</mo><msub><mover><mi>v</mi><mo>˙</mo></mover><mi>y</mi></msub>"
         "<mo>+</mo><msub><mi>v</mi><mi>x</mi></msub><mi>r</mi><mo>)</mo><mo>=</mo>"
         "<msub><mi>F</mi><mi>f</mi></msub><mo>(</mo><msub><mi>α</mi><mi>f</mi></msub><mo>)</mo>"
@@ -110,7 +110,7 @@ def _verdict(result: TyresResult) -> Verdict:
 def _lead(result: TyresResult, forces: pd.DataFrame) -> list[Block]:
     told: list[Block] = [tables_of.key_figures(result), Code(result.provenance.command)]
     return [
-        Columns([[tables_of.parameters(result)], told], wide=1.25),
+        Columns([[tables_of.parameters(result), *tables_of.open_questions(result)], told], wide=1.25),
         tyre_curves.force_figure(result, forces),
     ]
 

@@ -11,6 +11,7 @@ from ident.report.numbers import (
     duration,
     estimate_interval,
     estimate_value,
+    fixed,
     p_value,
     significant,
     unit_text,
@@ -65,20 +66,31 @@ def parameters(result: TyresResult) -> Table:
         Column("unit"),
         Column("status"),
     ]
-    shown = estimates(chosen_fit(result)) | {
+    rows = [
+        [Cell(parameter(name).symbol), Cell(full_name(name)), *_estimate_cells(estimate)]
+        for name, estimate in _answers(result).items()
+    ]
+    return Table(columns, rows, notes=[runs_behind(result)], download="tyre_parameters.csv")
+
+
+def _answers(result: TyresResult) -> dict[str, Estimate]:
+    return estimates(chosen_fit(result)) | {
         "understeer_gradient": result.understeer_gradient,
         "characteristic_speed": result.characteristic_speed,
     }
-    rows = [
-        [Cell(parameter(name).symbol), Cell(full_name(name)), *_estimate_cells(estimate)]
-        for name, estimate in shown.items()
-    ]
+
+
+def open_questions(result: TyresResult) -> list[Block]:
+    """Say behind one line why some parameters are weak or not identifiable, and what to drive instead."""
     reasons: dict[str, list[str]] = {}
-    for name, estimate in shown.items():
+    for name, estimate in _answers(result).items():
         if estimate.reason:
             reasons.setdefault(estimate.reason, []).append(short_name(name))
-    notes = [f"{', '.join(names)}: {reason.rstrip('.')}." for reason, names in reasons.items()]
-    return Table(columns, rows, notes=[runs_behind(result), *notes], download="tyre_parameters.csv")
+    if not reasons:
+        return []
+    lines = Lines([(f"{', '.join(names)}:", f"{why.rstrip('.')}.") for why, names in reasons.items()])
+    named = ", ".join(name for names in reasons.values() for name in names)
+    return [Details(f"Why {named} are not known better, and what to drive", [lines])]
 
 
 def _estimate_cells(estimate: Estimate) -> list[Cell]:
@@ -135,13 +147,13 @@ def _agreement(p: float | None) -> Cell:
     return Cell(f"not rejected at 5 % ({p_value(p)})", raw=p, tone="good")
 
 
-def _stated(fixed: FixedValue) -> Cell:
-    value = with_unit(fixed.value, fixed.unit, 4)
-    if fixed.std is None:
-        return Cell(value, tone="caution", detail=f"{fixed.source}; how well it is known is not stated")
-    share = 100 * fixed.std / abs(fixed.value) if fixed.value else 0.0
-    told = f"{value} ± {with_unit(fixed.std, fixed.unit, 2)} ({significant(share, 2)} %)"
-    return Cell(told, detail=f"{fixed.source}; one standard deviation")
+def _stated(given: FixedValue) -> Cell:
+    value = with_unit(given.value, given.unit, 4)
+    if given.std is None:
+        return Cell(value, tone="caution", detail=f"{given.source}; how well it is known is not stated")
+    share = 100 * given.std / abs(given.value) if given.value else 0.0
+    told = f"{value} ± {with_unit(given.std, given.unit, 2)} ({significant(share, 2)} %)"
+    return Cell(told, detail=f"{given.source}; one standard deviation")
 
 
 def fits(result: TyresResult) -> Table:
@@ -207,7 +219,7 @@ def by_run(result: TyresResult) -> Table:
         Column("speed [m/s]", "number"),
         Column("driven to [m/s²]", "number"),
         *[Column(signal_head(name), "number") for name in signals],
-        Column("agrees"),
+        Column("agrees", "number"),
     ]
     rows = [_run_row(run, signals) for run in result.by_run]
     notes = [
@@ -245,7 +257,7 @@ def fixed_values(result: TyresResult) -> list[Block]:
     fit = chosen_fit(result)
     stated = Table(
         [Column("taken as given"), Column("value", "number"), Column("from", wrap=True)],
-        [[Cell(name.replace("_", " ")), *_given(fixed)] for name, fixed in result.fixed.items()],
+        [[Cell(name.replace("_", " ")), *_given(given)] for name, given in result.fixed.items()],
     )
     return [*_examples(result, fit), stated, *_sensitivity(result, fit)]
 
@@ -255,42 +267,57 @@ def _sensitivity(result: TyresResult, fit: TyreFit) -> list[Block]:
     if not names:
         return []
     columns = [Column("parameter"), *[Column(f"{name.replace('_', ' ')} +1 %", "number") for name in names]]
-    rows = [[Cell(full_name(key)), *_moves(change, names)] for key, change in fit.to_fixed.items()]
+    known = _identified(fit)
+    rows = [
+        [Cell(full_name(key)), *_moves(change, names, known=key in known)]
+        for key, change in fit.to_fixed.items()
+    ]
     note = "relative change of each parameter where what was taken as given is 1 % larger"
     table = Table(columns, rows, notes=[note], download="tyre_fixed.csv")
     return [Details("How each parameter moves with what was taken as given", [table])]
 
 
-def _given(fixed: FixedValue) -> list[Cell]:
-    cell = _stated(fixed)
-    return [Cell(cell.text, raw=fixed.value, tone=cell.tone), Cell(cell.detail or "")]
+def _given(given: FixedValue) -> list[Cell]:
+    cell = _stated(given)
+    return [Cell(cell.text, raw=given.value, tone=cell.tone), Cell(cell.detail or "")]
 
 
-def _moves(change: dict[str, float], names: Sequence[str]) -> list[Cell]:
+def _moves(change: dict[str, float], names: Sequence[str], *, known: bool) -> list[Cell]:
+    """Give relative changes; those of what the data hardly tell mean little and are grey."""
     return [
-        Cell(f"{change[name]:+.2f} %".replace("-", "−"), raw=change[name]) if name in change else Cell(NONE)
+        Cell(_signed(change[name], 2), raw=change[name], tone="plain" if known else "muted")
+        if name in change
+        else Cell(NONE)
         for name in names
     ]
 
 
+def _signed(value: float, places: int) -> str:
+    return f"{'+' if value > 0 else ''}{fixed(value, places)}\u00a0%"
+
+
+def _identified(fit: TyreFit) -> set[str]:
+    return {name for name, estimate in estimates(fit).items() if estimate.status == "identified"}
+
+
 def _examples(result: TyresResult, fit: TyreFit) -> list[Block]:
     """Put into words what a wrong mass, or whatever was taken as given, does."""
-    lines = []
-    for name, fixed in result.fixed.items():
+    lines, known = [], _identified(fit)
+    for name, given in result.fixed.items():
         moved = {
             short_name(key): OFF * change[name]
             for key, change in fit.to_fixed.items()
-            if abs(change.get(name, 0.0)) >= MATTERS
+            if key in known and abs(change.get(name, 0.0)) >= MATTERS
         }
         if not moved:
             continue
-        told = ", ".join(f"{key} {value:+.1f} %".replace("-", "−") for key, value in moved.items())
-        known = (
+        told = ", ".join(f"{key} {_signed(value, 1)}" for key, value in moved.items())
+        counted = (
             "the vehicle file does not say how well it is known: the intervals leave it out"
-            if fixed.std is None
+            if given.std is None
             else "its stated standard deviation is in the intervals"
         )
-        lines.append((f"{name.replace('_', ' ')} {OFF:g} % larger:", f"{told}; {known}."))
+        lines.append((f"{name.replace('_', ' ')} {OFF:g} % larger:", f"{told}; {counted}."))
     if not lines:
         return [Text("No parameter moves with what was taken as given.", "muted")]
     return [Lines(lines)]
@@ -362,8 +389,8 @@ def noise(found: dict[str, ResidualNoise]) -> Table:
             ]
         )
     note = (
-        "standard deviations; where what is left is longer correlated than sensors are, the intervals rest "
-        "on the spread between windows"
+        "standard deviations; where what is left is correlated over longer than sensors are, the intervals "
+        "rest on how far stretches of the data disagree"
     )
     return Table(columns, rows, notes=[note], download="tyre_noise.csv")
 
@@ -397,7 +424,7 @@ def _with_interval(estimate: Estimate) -> Cell:
 
 def glossary(fit: TyreFit) -> Table:
     """Say what each parameter of the chosen tyres means."""
-    bare = dict.fromkeys(
+    bare: dict[str, None] = dict.fromkeys(
         [*fit.front, *fit.rear, "yaw_inertia", "understeer_gradient", "characteristic_speed"]
     )
     known = [PARAMETERS[name] for name in bare if name in PARAMETERS]

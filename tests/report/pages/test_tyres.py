@@ -107,7 +107,9 @@ def test_what_is_not_identifiable_stands_with_what_to_drive(page):
     parameters = page.lead[0].blocks[0][0]
     row = parameters.rows[3]
     assert (row[3].text, row[5].text, row[5].tone) == ("–", "not identifiable", "bad")
-    assert f"front C, front E, rear C, rear E: {tyre_case.NO_PEAK}." in parameters.notes
+    why = page.lead[0].blocks[0][1]
+    assert why.summary.startswith("Why front C, front E, rear C, rear E are not known better")
+    assert why.blocks[0].items == [("front C, front E, rear C, rear E:", f"{tyre_case.NO_PEAK}.")]
 
 
 def test_curves_are_solid_where_excited_and_dashed_beyond(page, tyres_case):
@@ -238,7 +240,7 @@ def test_the_reader_is_told_what_a_wrong_mass_does(page, tyres_case):
     assert isinstance(lines, Lines)
     (about, told), *others = lines.items
     assert about == "mass 3 % larger:"
-    assert told.startswith("front Cα +3.0 %, front D +3.0 %, rear Cα +3.0 %")
+    assert told.startswith("front Cα +3.0\u00a0%, front D +3.0\u00a0%, rear Cα +3.0\u00a0%")
     assert "front E" not in told
     assert told.endswith("its stated standard deviation is in the intervals.")
     assert others == []
