@@ -38,10 +38,11 @@ LEAST_SPEED = 3.0  # [m/s]
 FEWEST = 25
 CERTAIN = 0.8
 PER_AXLE_DISTANCE = (1.0, 12.0)  # [m] wheelbase, where it is not known
+KMH = 3.6
 FACTORS = (
     (57.29578, "degrees taken as radians"),
     (9.80665, "g taken as m/s², or the reverse"),
-    (3.6, "km/h taken as m/s"),
+    (KMH, "km/h taken as m/s"),
 )
 FACTOR_TOLERANCE = 1.25
 FIX = "check unit and sign (left positive; invert: true turns it)"
@@ -114,7 +115,10 @@ def check_plausibility(run: Run, steering: Signal, speed: Signal) -> list[Findin
     one finding a pair that the run holds and excites enough to tell
     """
     scene = _scene(run, steering, speed)
-    return [*_turning(scene), *_translation(scene), *_lateral_velocity(scene), *_late(run)]
+    moving = _translation(scene)
+    if "speed" in refused(moving):
+        return moving
+    return [*_turning(scene), *moving, *_lateral_velocity(scene), *_late(run)]
 
 
 def refused(findings: list[Finding]) -> dict[str, str]:
@@ -150,14 +154,16 @@ def _arm(vehicle: Vehicle | None, lateral_velocity: Signal | None) -> float | No
 
 
 def _compare(measured: Array, expected: Array, least: float) -> _Pair | None:
-    """Ratio of two series, None where ``expected`` varies by less than ``least`` (a standard deviation)."""
+    """Ratio of two series, None where both vary by less than ``least`` (a standard deviation)."""
     both = np.isfinite(measured) & np.isfinite(expected)
-    if np.count_nonzero(both) < FEWEST or np.std(expected[both]) < least or np.std(measured[both]) == 0:
+    if np.count_nonzero(both) < FEWEST:
         return None
     x, y = expected[both], measured[both]
+    wide, high = float(np.std(x)), float(np.std(y))
+    if max(wide, high) < least or min(wide, high) == 0:
+        return None
     correlation = float(np.corrcoef(x, y)[0, 1])
-    ratio = float(np.copysign(np.std(y) / np.std(x), correlation))
-    return _Pair(ratio, correlation)
+    return _Pair(float(np.copysign(high / wide, correlation)), correlation)
 
 
 # --- turning: who of four disagrees ---------------------------------------------------------------
@@ -177,6 +183,10 @@ def _turning(scene: _Scene) -> list[Finding]:
     findings = [_fine(name, subject, pair, scene) for name, pair in pairs.items() if name not in wrong]
     if len(wrong) > 1 and not right:
         return [*findings, _all_disagree(subject, wrong)]
+    if right == ["heading"] and set(wrong) == {"road_wheel_angle", "lateral_acceleration"}:
+        found = _speed_of_turning(wrong["road_wheel_angle"], wrong["lateral_acceleration"])
+        if found is not None:
+            return [*findings, found]
     return [*findings, *(_one_disagrees(name, subject, pair, bool(right)) for name, pair in wrong.items())]
 
 
@@ -206,7 +216,7 @@ def _gentle(acceleration: Array) -> NDArray[np.bool_]:
 def _range_of(name: str, scene: _Scene) -> tuple[float, float]:
     """Between which ratios a signal is possible: steering less by oversteer, more by understeer."""
     if name == "road_wheel_angle":
-        return (0.3, 4.0) if scene.wheelbase else (0.3 * PER_AXLE_DISTANCE[0], 4.0 * PER_AXLE_DISTANCE[1])
+        return (0.4, 4.0) if scene.wheelbase else (0.4 * PER_AXLE_DISTANCE[0], 4.0 * PER_AXLE_DISTANCE[1])
     return (0.5, 2.0)
 
 
@@ -234,13 +244,26 @@ def _fine(name: str, subject: str, pair: _Pair, scene: _Scene) -> Finding:
 
 
 def _all_disagree(subject: str, wrong: Mapping[str, _Pair]) -> Finding:
-    name, pair = next(iter(wrong.items()))
+    name = "heading" if "heading" in wrong else next(iter(wrong))
+    pair = wrong[name]
     others = ", ".join(wrong)
     text = (
         f"{subject} disagrees with {others}: they are {_times(pair.ratio)} what it says"
         f"{_meaning(pair.ratio)}: {FIX} of {subject} in channels.yaml"
     )
     return Finding(WANTED[name], "refused", (subject,), pair.ratio, pair.correlation, text)
+
+
+def _speed_of_turning(steering: _Pair, acceleration: _Pair) -> Finding | None:
+    """Steering and lateral acceleration are off by a factor and its inverse: it is the speed between them."""
+    ratio = float(np.sqrt(abs(steering.ratio / acceleration.ratio)))
+    if steering.ratio * acceleration.ratio < 0 or not 0.4 < steering.ratio * acceleration.ratio < 2.5:
+        return None
+    text = (
+        f"the speed is about {ratio:.2g} times what yaw rate, steering and lateral acceleration need"
+        f"{_meaning(ratio)}: check its unit in channels.yaml"
+    )
+    return Finding("speed of turning", "refused", ("speed",), ratio, acceleration.correlation, text)
 
 
 def _one_disagrees(name: str, subject: str, pair: _Pair, others_agree: bool) -> Finding:
@@ -297,7 +320,7 @@ def _speed_finding(ratio: float) -> Finding:
         doubted = () if verdict == "fine" else ("speed", *POSITION)
         hint = "" if verdict == "fine" else ": tyre radius, or the scale of the position?"
         return Finding(check, verdict, doubted, ratio, 1.0, text + hint)
-    if FACTORS[2][0] / 1.25 < max(ratio, 1 / ratio) < FACTORS[2][0] * 1.25:
+    if abs(max(ratio, 1 / ratio) / KMH - 1) < 0.05:
         hint = f"{_meaning(ratio)}: check the unit of the speed in channels.yaml"
         return Finding(check, "refused", ("speed",), ratio, 1.0, text + hint)
     hint = ": check the unit of the position in channels.yaml"

@@ -1,0 +1,43 @@
+"""Small runs with known motion: a circle, and the simulated truck with something done to its signals."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from generator.motion_sets import motion_set, noise_free
+from generator.truth import load_truth
+from truck_runs import run_of, vehicle_of
+
+from ident.signals.signal import Run, Signal
+
+Change = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+@cache
+def truck_run(name: str = "planar/planar_a", *, noisy: bool = True, seed: int = 1) -> Run:
+    """A run of a simulated truck, in memory; signals with a steering wheel, never a request."""
+    truth = load_truth()
+    made = motion_set(name, truth if noisy else noise_free(truth), seed)
+    vehicle = vehicle_of(truth.planar if "planar" in name else truth.truck)
+    return run_of(name, made, vehicle)
+
+
+def with_signals(run: Run, **signals: Signal | None) -> Run:
+    """The run with these signals in place of its own; None takes one out."""
+    kept = {**run.signals, **signals}
+    return replace(run, signals={name: signal for name, signal in kept.items() if signal is not None})
+
+
+def changed(run: Run, **changes: Change) -> Run:
+    """The run with values f(time, values) of these signals."""
+    made = {
+        name: replace(run.signals[name], values=change(run.signals[name].time, run.signals[name].values))
+        for name, change in changes.items()
+    }
+    return with_signals(run, **made)
+
+
+def at_times(signal: Signal, keep: np.ndarray) -> Signal:
+    """The samples of a signal that are kept."""
+    return replace(signal, time=signal.time[keep], values=signal.values[keep])
