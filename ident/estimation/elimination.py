@@ -52,6 +52,18 @@ class Eliminated:
             step[self.order[: self.rank]] = solve_triangular(self.triangle, target)
         return np.asarray(step / self.scale)
 
+    def own_covariance(self, of_rest: Array) -> Array:
+        """(own, own) covariance of the own parameters, given that (rest, rest) of the others."""
+        back = np.linalg.inv(self.triangle) if self.rank else np.zeros((0, 0))
+        told = self.order[: self.rank]
+        moved = np.zeros((self.order.size, of_rest.shape[0]))
+        moved[told] = -back @ self.on_rest[:, :-1]
+        total = moved @ of_rest @ moved.T
+        total[np.ix_(told, told)] += back @ back.T
+        unknown = np.setdiff1d(np.arange(self.order.size), told)
+        total[unknown, unknown] = np.inf
+        return np.asarray(total / np.outer(self.scale, self.scale))
+
 
 def eliminate(rows: Array, own: int) -> Eliminated:
     """Eliminate the first ``own`` columns of rows (n, own + rest + 1)."""

@@ -87,7 +87,7 @@ def minimise(
         if done and (damping <= MILD or idle >= IDLE):
             return point, triangle, True
         damping = 0.0 if damping < 1e-6 else damping / 8
-    return point, triangle, halfway - point.value < CRAWL * point.std**2
+    return point, triangle, halfway - point.value < max(CRAWL, iterations * negligible) * point.std**2
 
 
 def _tried(point: P, triangle: Array, target: Array, damping: float) -> tuple[P | None, float]:

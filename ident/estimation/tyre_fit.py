@@ -8,9 +8,8 @@ What the data hardly tell is held by a weak prior, said in ``PRIORS``: D, C and 
 known only jointly until its peak is excited. Where the posterior is not much narrower than the prior, the
 parameter is called not identifiable.
 
-The state starts anew in every window of ``WINDOW`` seconds, so that what the model lacks does not pile up.
-Where nothing but noise is left in such windows, the fit goes on with whole stretches: the heading, which
-integrates what little a window tells of the steady turning, then tells most.
+The state starts anew in every window of ``WINDOW`` seconds, so that what the model lacks and the noise of the
+measured steering and speed, which are inputs, do not pile up in heading and position.
 """
 
 from __future__ import annotations
@@ -32,9 +31,9 @@ from ident.estimation.vehicle_records import MotionRecord, Windows, cut
 
 Array = NDArray[np.float64]
 
+KINKS = ((0.85, 0.85), (0.7, 0.7), (0.55, 0.55), (0.7, 2.0), (2.0, 0.7))  # of the largest slip angles
 GRAVITY = 9.81  # [m/s²]
 WINDOW = 10.0  # [s]
-WHOLE = 120.0  # [s] longest window
 AXLES = ("front", "rear")
 
 SENSOR_BIAS = {"yaw_rate": 0.02, "lateral_acceleration": 0.5, "lateral_velocity": 0.2, "heading": 0.1}
@@ -101,9 +100,13 @@ class KindFit:
         return [one.name for one in self.problem.coordinates]
 
     @property
-    def values(self) -> dict[str, float]:
+    def parameters(self) -> dict[str, float]:
         """All parameters of the model that the runs share."""
         return self.problem.values(self.fit.shared)
+
+    def prior_of(self, name: str) -> float:
+        """Standard deviation of the prior of a coordinate."""
+        return next(one.prior_std for one in self.problem.coordinates if one.name == name)
 
     @property
     def criterion(self) -> float:
@@ -120,7 +123,7 @@ def fit_tyres(
     *,
     floor: Mapping[str, float] | None = None,
     noise: Mapping[str, NoiseModel] | None = None,
-    window: float | None = None,
+    window: float = WINDOW,
     bank: bool | None = None,
 ) -> KindFit:
     """Fit one kind of tyres, the same on both axles.
@@ -132,40 +135,24 @@ def fit_tyres(
     starts : parameter, such as "front.cornering_stiffness" or "yaw_inertia" -> value, one for each start
     floor : signal -> least standard deviation of its noise
     noise : of every compared signal, where it is given and not identified
-    window : [s]; None: chosen by what is left in windows of WINDOW
+    window : about how long each is [s]
     bank : whether the bank of the road is fitted; None: where the data call for it
     """
     if bank is None:
-        plain = fit_tyres(
-            records, kind, body, starts, floor=floor, noise=noise, window=window or WINDOW, bank=False
-        )
+        plain = fit_tyres(records, kind, body, starts, floor=floor, noise=noise, window=window, bank=False)
         p = _p_of_bank(plain)
         found = replace(plain, bank_p=p)
         if p < BANK_CALLED_FOR:
-            here = [dict(plain.values)]
-            found = fit_tyres(
-                records, kind, body, here, floor=floor, noise=noise, window=window or WINDOW, bank=True
-            )
+            here = [dict(plain.parameters)]
+            found = fit_tyres(records, kind, body, here, floor=floor, noise=noise, window=window, bank=True)
             found = replace(found, bank_p=p)
-        return found if window is not None else _longer(records, found, floor, noise)
-    problem = _problem(records, kind, body, window or WINDOW, bank=bank)
-    coordinates = [_to_coordinates(problem, start) for start in starts]
-    fit = fit_vehicle(problem, coordinates, floor=floor, noise=noise)
-    return KindFit(kind, body, problem, fit, window or WINDOW, bank, 1.0)
-
-
-def _longer(
-    records: Sequence[MotionRecord],
-    found: KindFit,
-    floor: Mapping[str, float] | None,
-    noise: Mapping[str, NoiseModel] | None,
-) -> KindFit:
-    """Go on with whole stretches where windows leave nothing but noise, and so do the stretches."""
-    if found.fit.is_coloured or max(r.times[-1] - r.times[0] for r in records) <= WINDOW:
         return found
-    problem = _problem(records, found.kind, found.body, WHOLE, bank=found.bank)
-    fit = fit_vehicle(problem, [found.fit.shared], floor=floor, noise=noise)
-    return found if fit.is_coloured else replace(found, problem=problem, fit=fit, window=WHOLE)
+    problem = _problem(records, kind, body, window, bank=bank)
+    coordinates = [_to_coordinates(problem, start) for start in starts]
+    if kind == "piecewise_linear":
+        coordinates += _kinked(problem, coordinates[0])
+    fit = fit_vehicle(problem, coordinates, floor=floor, noise=noise)
+    return KindFit(kind, body, problem, fit, window, bank, 1.0)
 
 
 def _problem(
@@ -206,6 +193,30 @@ def _of_axle(axle: str, name: str, body: Body) -> Coordinate:
 
 def _to_coordinates(problem: VehicleProblem, start: Mapping[str, float]) -> Array:
     return np.array([one.coordinate(start.get(one.name, 0.0)) for one in problem.coordinates])
+
+
+def _kinked(problem: VehicleProblem, start: Array) -> list[Array]:
+    """Starts with the kink of either axle or both within the slip angles of the data.
+
+    Beyond them the likelihood is flat in it, and nothing would draw it in.
+    """
+    names = [one.name for one in problem.coordinates]
+    at = {axle: names.index(f"{axle}.saturation_slip") for axle in AXLES}
+    wide = start.copy()
+    wide[list(at.values())] = 0.0  # 1 rad
+    of_runs = np.zeros((problem.windows.runs, len(problem.run_terms)))
+    _, outputs = problem.simulate(wide, of_runs, problem.initial_local())
+    most = {
+        axle: float(np.abs(outputs[:, problem.engine.outputs.index(f"{axle}_slip_angle")]).max())
+        for axle in AXLES
+    }
+    made = []
+    for front, rear in KINKS:
+        one = start.copy()
+        for axle, share in (("front", front), ("rear", rear)):
+            one[at[axle]] = np.log(share * most[axle])
+        made.append(one)
+    return made
 
 
 def _p_of_bank(found: KindFit) -> float:

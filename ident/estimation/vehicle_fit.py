@@ -23,7 +23,13 @@ from ident.estimation.elimination import eliminate, inverse_of, stacked, triangl
 from ident.estimation.gauss_newton import minimise
 from ident.estimation.noise import AutoRegression, Linearised, NoiseModel
 from ident.estimation.noise_fit import fit_autoregression
-from ident.estimation.vehicle_problem import Coordinate, VehiclePoint, VehicleProblem, white_noise
+from ident.estimation.vehicle_problem import (
+    STEERING_RATIO,
+    Coordinate,
+    VehiclePoint,
+    VehicleProblem,
+    white_noise,
+)
 
 Array = NDArray[np.float64]
 
@@ -36,7 +42,7 @@ CERTAIN = 1e-4  # p-value of that sum below which the colour is there
 BIN = 0.1  # [s] of the scores
 LONGEST_LAG = 3.0  # [s] of the scores' correlation
 SETTLED = 1e-3
-NEGLIGIBLE = 1e-3  # gain of 2 log likelihood that is no gain
+NEGLIGIBLE = 1e-2  # gain of 2 log likelihood that is no gain: a tenth of a standard deviation
 QUIET = 1e-9  # least size of a noise over the size of its signal
 
 Progress = Callable[[int, int], None]
@@ -202,7 +208,10 @@ def _fit(point: VehiclePoint, capped: frozenset[str], *, converged: bool) -> Veh
         log_likelihood=_log_likelihood(point),
         converged=converged,
     )
-    return replace(fit, covariance=bread @ scatter(point) @ bread) if fit.is_coloured else fit
+    if not fit.is_coloured:
+        return fit
+    prior = np.diag(1 / point.problem.prior_std**2)
+    return replace(fit, covariance=bread @ (scatter(point) + prior) @ bread)
 
 
 def _slow_colour(point: VehiclePoint, name: str) -> float:
@@ -316,6 +325,7 @@ def to_fixed(problem: VehicleProblem, fit: VehicleFit, others: Sequence[str]) ->
     if not others:
         return np.zeros((fit.shared.size, 0))
     extra = [Coordinate(name, logarithmic=False) for name in others]
+    given = problem.fixed | {STEERING_RATIO: 1.0}
     wider = VehicleProblem(
         problem.engine,
         problem.windows,
@@ -323,7 +333,7 @@ def to_fixed(problem: VehicleProblem, fit: VehicleFit, others: Sequence[str]) ->
         {name: value for name, value in problem.fixed.items() if name not in others},
         problem.run_terms,
     )
-    values = np.array([problem.fixed[name] for name in others])
+    values = np.array([given[name] for name in others])
     point = replace(fit.point, problem=wider, shared=np.concatenate([fit.shared, values]))
     rows = point.triangle()
     size = fit.shared.size

@@ -31,6 +31,7 @@ POSITION = ("position_x", "position_y")
 ALONG, ACROSS = "position_along", "position_across"
 ANCHOR = 10.0  # [s] over which the shape of the path is compared
 FREEDOMS = 3  # of a part of the path: along, across, turned
+STEERING_RATIO = "steering_ratio"  # coordinate: relative change of the ratio behind the road-wheel angle
 FAST = 0.5  # [m/s] below which the path has no direction
 
 
@@ -116,6 +117,7 @@ class VehicleProblem:
             *(self.run_terms[i].name for i in self._inner),
             *(one.name for one in self.coordinates),
         ]
+        self._wanted = [name for name in windows.signals if name in engine.outputs]
         self.compared = [name for name in windows.signals if name not in POSITION]
         if all(name in windows.signals for name in POSITION):
             self.compared += [ALONG, ACROSS]
@@ -250,24 +252,39 @@ class VehicleProblem:
         w = self.windows
         states = np.ascontiguousarray(local[:, : self.states])
         _, outputs, derivatives = self.engine.sensitivities(
-            states, w.inputs, w.steps, w.offsets, self.parameters(shared, of_runs), active=self.active
+            states,
+            w.inputs,
+            w.steps,
+            w.offsets,
+            self.parameters(shared, of_runs),
+            active=self.active,
+            input_derivatives=self._input_derivatives(),
+            wanted=self._wanted,
         )
         slopes = np.array([one.slope(at) for one, at in zip(self.coordinates, shared, strict=True)])
-        made = {
-            name: self._of_signal(name, outputs, derivatives, slopes, of_runs)
-            for name in w.signals
-            if name in self.engine.outputs
-        }
+        made = {name: self._of_signal(name, outputs, derivatives, slopes, of_runs) for name in self._wanted}
         if ACROSS in self.compared:
             made |= self._turned(made.pop("position_x"), made.pop("position_y"), local)
         return {name: made[name] for name in self.compared}
+
+    def _input_derivatives(self) -> Array | None:
+        """(N, u, active) derivative of the inputs, where any depends on a coordinate.
+
+        Only the ratio stands before the model: the road-wheel angle falls with it, -angle/ratio.
+        """
+        names = [one.name for one in self.coordinates]
+        if STEERING_RATIO not in names:
+            return None
+        made = np.zeros((*self.windows.inputs.shape, len(self.active)))
+        made[:, 0, len(self._inner) + names.index(STEERING_RATIO)] = -self.windows.inputs[:, 0]
+        return made
 
     def _of_signal(
         self, name: str, outputs: Array, derivatives: Array, slopes: Array, of_runs: Array
     ) -> Residuals:
         samples = self.windows.signals[name]
         column = self.engine.outputs.index(name)
-        at = samples.at(np.column_stack([outputs[:, column], derivatives[column]]))
+        at = samples.at(np.column_stack([outputs[:, column], derivatives[self._wanted.index(name)]]))
         model, by_state, by_parameter = at[:, 0], at[:, 1 : 1 + self.states], at[:, 1 + self.states :]
         own = np.zeros((len(at), len(self.run_terms)))
         own[:, self._inner] = by_parameter[:, : len(self._inner)]

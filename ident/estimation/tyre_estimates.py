@@ -1,0 +1,241 @@
+"""From the fit of the tyres to what is told of them: values, intervals, verdicts, curves.
+
+Interval of a positive parameter: of its logarithm. Where the vehicle file states how well a fixed value is
+known, that error is carried through the fit to first order; where it does not, the result says how much each
+parameter would move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from ident.dynamics.tyres import TYRES, axle_force
+from ident.estimation.tyre_fit import AXLES, KindFit
+from ident.estimation.vehicle_fit import to_fixed
+from ident.estimation.vehicle_problem import STEERING_RATIO, Coordinate
+from ident.results import AxleCurve, Estimate, Status, TyreFit
+
+Array = NDArray[np.float64]
+
+Z = float(norm.ppf(0.975))
+IDENTIFIED, WEAK = 0.1, 0.5  # relative standard errors
+OWN_SHARE = 0.5  # of the prior's standard deviation: above, the data add little to it
+FIXED = ("mass", "cg_to_front_axle", "cg_to_rear_axle", STEERING_RATIO)
+REACH = 1.6  # of the excited slip angle, up to which curves are drawn
+POINTS = 81
+EXCITED = 0.001  # share of the samples beyond either end
+ABSOLUTE = ("curvature", "steering_offset")
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Covariance of the coordinates with that of the fixed values in it.
+
+    covariance : (s, s); by_fixed : (s, f) change per relative change of each of FIXED
+    """
+
+    covariance: Array
+    by_fixed: Array
+
+    def covariance_of_values(self, found: KindFit) -> list[list[float]]:
+        """Covariance of the parameters themselves, not of their logarithms."""
+        slopes = np.array(
+            [one.slope(at) for one, at in zip(found.problem.coordinates, found.fit.shared, strict=True)]
+        )
+        rows: list[list[float]] = (self.covariance * np.outer(slopes, slopes)).tolist()
+        return rows
+
+
+def uncertainty(found: KindFit, steering_ratio_std: float = 0.0) -> Uncertainty:
+    """Carry the stated errors of the fixed values through the fit.
+
+    steering_ratio_std : relative
+    """
+    by_fixed = to_fixed(found.problem, found.fit, FIXED)
+    relative = [found.body.std.get(name, 0.0) / getattr(found.body, name) for name in FIXED[:-1]]
+    spread = by_fixed * np.array([*relative, steering_ratio_std])
+    return Uncertainty(found.fit.covariance + spread @ spread.T, by_fixed)
+
+
+def tyre_fit(found: KindFit, known: Uncertainty) -> TyreFit:
+    """Everything that is told of one kind."""
+    excited = excited_slip(found)
+    std = np.sqrt(np.diag(known.covariance))
+    by_name = {
+        one.name: _estimate(one, at, s, excited)
+        for one, at, s in zip(found.problem.coordinates, found.fit.shared, std, strict=True)
+    }
+    gradient, speed = _understeer(found, known.covariance)
+    return TyreFit(
+        kind=found.kind,  # type: ignore[arg-type]
+        front=_of_axle("front", found, by_name, known.covariance),
+        rear=_of_axle("rear", found, by_name, known.covariance),
+        yaw_inertia=by_name["yaw_inertia"],
+        rms=found.fit.rms(),
+        parameters=found.names,
+        correlation=(known.covariance / np.outer(std, std)).tolist(),
+        excited=excited,
+        curves={axle: _curve(axle, found, excited[axle], known.covariance) for axle in AXLES},
+        understeer_gradient=gradient,
+        characteristic_speed=speed,
+        to_fixed=_relative_changes(found, known.by_fixed),
+        log_likelihood=found.fit.log_likelihood,
+        criterion=found.criterion,
+        converged=found.fit.converged,
+        warnings=_warnings(found),
+    )
+
+
+def excited_slip(found: KindFit) -> dict[str, list[float]]:
+    """Lowest and highest slip angle of each axle [rad], one in a thousand apart at either end."""
+    point = found.fit.point
+    _, outputs = found.problem.simulate(point.shared, point.of_runs, point.local)
+    made = {}
+    for axle in AXLES:
+        slip = outputs[:, found.problem.engine.outputs.index(f"{axle}_slip_angle")]
+        low, high = np.quantile(slip, [EXCITED, 1 - EXCITED])
+        made[axle] = [float(low), float(high)]
+    return made
+
+
+def _estimate(one: Coordinate, at: float, std: float, excited: Mapping[str, Sequence[float]]) -> Estimate:
+    value = one.value(at)
+    unit = _unit(one.name)
+    size = std * (value if one.logarithmic else 1.0)
+    status, reason = _status(one, value, std, excited)
+    if status == "not_identifiable":
+        return Estimate(value, float(size), None, None, unit, status, reason)
+    ends = [one.value(at + z * std) for z in (-Z, Z)]
+    return Estimate(value, float(size), ends[0], ends[1], unit, status, reason)
+
+
+def _unit(name: str) -> str:
+    if name == "yaw_inertia":
+        return "kg m^2"
+    if name == "steering_offset":
+        return "rad"
+    own = name.partition(".")[2]
+    return next(p.unit for kind in TYRES.values() for p in kind.parameters if p.name == own)
+
+
+def _status(
+    one: Coordinate, value: float, std: float, excited: Mapping[str, Sequence[float]]
+) -> tuple[Status, str | None]:
+    """Verdict on one parameter, and the reason where it is not identified."""
+    axle, _, own = one.name.partition(".")
+    if one.name == "steering_offset":
+        return ("identified", None) if std < OWN_SHARE * one.prior_std else ("weak", "hardly excited")
+    held = std > OWN_SHARE * one.prior_std
+    relative = std if one.logarithmic else (0.0 if not held else np.inf)
+    if relative <= IDENTIFIED and not held:
+        return "identified", None
+    what = _what_to_drive(axle, own, excited)
+    if held or relative > WEAK:
+        near = f", held near {value:.3g} by what is usual" if np.isfinite(one.prior_std) else ""
+        return "not_identifiable", f"the data do not tell it{near}: {what}"
+    return "weak", f"known to {100 * relative:.0f} %: {what}"
+
+
+def _what_to_drive(axle: str, own: str, excited: Mapping[str, Sequence[float]]) -> str:
+    if own in ("peak_force", "shape", "curvature", "saturation_slip"):
+        most = max(abs(end) for end in excited[axle])
+        return f"the {axle} slip angle reaches {most:.3f} rad, and its force still grows there: drive harder"
+    if axle == "yaw_inertia":
+        return "drive fast changes of the steering, such as lane changes at 0.5 to 1 Hz"
+    return "drive with more lateral acceleration, at more than one speed"
+
+
+def _of_axle(
+    axle: str, found: KindFit, by_name: Mapping[str, Estimate], covariance: Array
+) -> dict[str, Estimate]:
+    own = {name: by_name[f"{axle}.{name}"] for name in TYRES[found.kind].names}
+    if found.kind == "magic_formula":
+        own["stiffness_factor"] = _stiffness_factor(axle, found, own, covariance)
+    return own
+
+
+def _stiffness_factor(axle: str, found: KindFit, own: Mapping[str, Estimate], covariance: Array) -> Estimate:
+    """B = K/(C D) [1/rad], as uncertain as its parts are together."""
+    row = np.zeros(covariance.shape[0])
+    for name, power in (("cornering_stiffness", 1.0), ("shape", -1.0), ("peak_force", -1.0)):
+        row[found.names.index(f"{axle}.{name}")] = power
+    parts = [own[name].value or np.nan for name in ("cornering_stiffness", "shape", "peak_force")]
+    value, std = parts[0] / (parts[1] * parts[2]), float(np.sqrt(row @ covariance @ row))
+    ends = (value * np.exp(-Z * std), value * np.exp(Z * std))
+    if own["shape"].status == "not_identifiable" or std > WEAK:
+        reason = "known only together with shape and peak force"
+        return Estimate(value, value * std, None, None, "1/rad", "not_identifiable", reason)
+    status: Status = "identified" if std < IDENTIFIED else "weak"
+    return Estimate(value, value * std, float(ends[0]), float(ends[1]), "1/rad", status)
+
+
+def _understeer(found: KindFit, covariance: Array) -> tuple[Estimate, Estimate]:
+    """K_us = m/L (l_r/C_f - l_f/C_r) [rad s²/m] and v_ch = sqrt(L/K_us) [m/s]."""
+    body = found.body
+    terms = {
+        "front": body.mass / body.wheelbase * body.cg_to_rear_axle,
+        "rear": -body.mass / body.wheelbase * body.cg_to_front_axle,
+    }
+    value, row = 0.0, np.zeros(covariance.shape[0])
+    for axle, term in terms.items():
+        name = f"{axle}.cornering_stiffness"
+        part = term / found.parameters[name]
+        value += part
+        row[found.names.index(name)] = -part
+    std = float(np.sqrt(row @ covariance @ row))
+    gradient = _plain(value, std, "rad s^2/m", "drive circles or curves at several speeds")
+    if value - Z * std <= 0:
+        kind = "it may be neutral" if value + Z * std > 0 else "the vehicle oversteers"
+        reason = f"the understeer gradient is {value:.2g} ± {std:.1g} rad s²/m: {kind}"
+        return gradient, Estimate(None, None, None, None, "m/s", "not_identifiable", reason)
+    speed = [float(np.sqrt(body.wheelbase / k)) for k in (value, value + Z * std, value - Z * std)]
+    size = speed[0] * std / (2 * value)
+    status: Status = "identified" if std / (2 * value) < IDENTIFIED else "weak"
+    return gradient, Estimate(speed[0], size, speed[1], speed[2], "m/s", status)
+
+
+def _plain(value: float, std: float, unit: str, advice: str) -> Estimate:
+    relative = std / abs(value) if value else np.inf
+    ends = (value - Z * std, value + Z * std)
+    if relative <= IDENTIFIED:
+        return Estimate(value, std, *ends, unit)
+    return Estimate(value, std, *ends, unit, "weak", f"its error is {std:.2g}: {advice}")
+
+
+def _curve(axle: str, found: KindFit, excited: Sequence[float], covariance: Array) -> AxleCurve:
+    most = REACH * max(abs(end) for end in excited)
+    slip = np.linspace(-most, most, POINTS)
+    names = TYRES[found.kind].names
+    own = {name: found.parameters[f"{axle}.{name}"] for name in names}
+    force, by_parameter = axle_force(found.kind, slip, own)
+    index = [found.names.index(f"{axle}.{name}") for name in names]
+    slopes = [found.problem.coordinates[i].slope(float(found.fit.shared[i])) for i in index]
+    rows = by_parameter * np.array(slopes)
+    std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, covariance[np.ix_(index, index)], rows), 0.0))
+    return AxleCurve(slip.tolist(), force.tolist(), std.tolist())
+
+
+def _relative_changes(found: KindFit, by_fixed: Array) -> dict[str, dict[str, float]]:
+    return {
+        name: {fixed: float(by_fixed[row, column]) for column, fixed in enumerate(FIXED)}
+        for row, name in enumerate(found.names)
+        if name.rpartition(".")[2] not in ABSOLUTE
+    }
+
+
+def _warnings(found: KindFit) -> list[str]:
+    told = []
+    if not found.fit.converged:
+        told.append("the fit has not converged: its errors are not to be trusted")
+    if found.fit.is_coloured:
+        slow = sorted({*found.fit.capped, *(n for n, p in found.fit.coloured.items() if p < 1e-4)})
+        told.append(
+            f"what is left of {', '.join(slow)} is slower than noise: the model lacks something, and the "
+            "intervals rest on the spread over time"
+        )
+    return told

@@ -1,0 +1,78 @@
+"""Offsets, biases and banks that were fitted with the tyres, as effects with their parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from ident.estimation.tyre_fit import BANK, SENSOR_BIAS, KindFit
+from ident.results import EffectEstimate, Estimate
+from ident.stages.tyre_data import TyreData
+
+Array = NDArray[np.float64]
+
+Z = float(norm.ppf(0.975))
+NEEDED = 0.01
+UNITS = {"yaw_rate": "rad/s", "lateral_acceleration": "m/s^2", "lateral_velocity": "m/s", "heading": "rad"}
+OFFSET = "steering_offset"
+
+
+def nuisance(data: TyreData, found: KindFit, covariance: Array) -> list[EffectEstimate]:
+    """Offset of the steering, then the terms of each run.
+
+    covariance : (s, s) of the coordinates
+    """
+    index = found.names.index(OFFSET)
+    value, std = float(found.fit.shared[index]), float(np.sqrt(covariance[index, index]))
+    tests = 1 + len(data.runs) * len(found.problem.run_terms)
+    made = [
+        _effect("steering_offset", "G", {"angle": (value, std, "rad")}, tests, held=found.prior_of(OFFSET))
+    ]
+    for number, run in enumerate(data.runs):
+        made += _of_run(number, run.name, found, covariance, tests)
+    return made
+
+
+def _of_run(number: int, run: str, found: KindFit, covariance: Array, tests: int) -> list[EffectEstimate]:
+    spread = found.fit.point.by_run[number].own_covariance(covariance)
+    std = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    values = found.fit.point.of_runs[number]
+    terms = [term.name for term in found.problem.run_terms]
+    made = []
+    for name, unit in UNITS.items():
+        if name not in terms:
+            continue
+        i = terms.index(name)
+        effect, parameter = ("antenna_offset", "heading") if name == "heading" else ("sensor_bias", "bias")
+        part = {parameter: (float(values[i]), float(std[i]), unit)}
+        made.append(_effect(effect, "M", part, tests, of=name, run=run, held=SENSOR_BIAS[name]))
+    if all(name in terms for name in BANK):
+        at = [terms.index(name) for name in BANK]
+        parts = {name: (float(values[i]), float(std[i]), "1") for name, i in zip(BANK, at, strict=True)}
+        made.append(_effect("road_bank", "Y", parts, tests, run=run, held=BANK["bank_cos"]))
+    return made
+
+
+def _effect(
+    name: str,
+    enters: str,
+    parts: dict[str, tuple[float, float, str]],
+    tests: int,
+    *,
+    held: float,
+    of: str | None = None,
+    run: str | None = None,
+) -> EffectEstimate:
+    """Put one effect in words; it is needed where its p-value, for all that were looked at, is below 1 %."""
+    parameters = {key: _estimate(*part, held) for key, part in parts.items()}
+    smallest = min(2 * float(norm.sf(abs(value) / max(std, 1e-300))) for value, std, _ in parts.values())
+    p = min(1.0, smallest * tests * len(parts))
+    return EffectEstimate(name, enters, parameters, of, run, p, p < NEEDED)
+
+
+def _estimate(value: float, std: float, unit: str, held: float) -> Estimate:
+    if std > held / 2:
+        reason = f"the data do not tell it; held near zero by what is usual ({held:g})"
+        return Estimate(value, std, None, None, unit, "not_identifiable", reason)
+    return Estimate(value, std, value - Z * std, value + Z * std, unit)

@@ -1,0 +1,325 @@
+"""Identify the axle tyres of the dynamic bicycle from runs in which the vehicle turns.
+
+Every kind of tyre is fitted to the same windows of motion by maximum likelihood (METHODS section 3), from a
+start that the data give. The kind that goes on is the simplest one whose criterion is not clearly worse than
+the best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Annotated, Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from ident.errors import NotIdentifiable
+from ident.estimation.noise import AutoRegression
+from ident.estimation.tyre_estimates import Uncertainty, tyre_fit, uncertainty
+from ident.estimation.tyre_fit import AXLES, KindFit, fit_tyres
+from ident.estimation.tyre_start import tyre_starts
+from ident.estimation.vehicle_fit import run_agreement
+from ident.results import (
+    SCHEMA_VERSION,
+    EffectEstimate,
+    Estimate,
+    Refusal,
+    ResidualNoise,
+    TyreFit,
+    TyreKind,
+    TyreRun,
+    TyresResult,
+)
+from ident.signals.run import LoadedLogs
+from ident.stages.inputs import InputSettings, load, provenance, quantity
+from ident.stages.output import Context, StageOutput
+from ident.stages.tyre_data import GIVEN, TyreData, fixed_values, tyre_data
+from ident.stages.tyre_nuisance import nuisance
+from ident.stages.tyre_tables import tyre_tables
+
+Array = NDArray[np.float64]
+
+CLEARLY = 10.0  # of the criterion: below this, the simpler kind is as good
+SIMPLE_FIRST: tuple[TyreKind, ...] = ("linear", "piecewise_linear", "brush", "magic_formula")
+NAMES = {
+    "linear": "Linear",
+    "piecewise_linear": "Piecewise linear",
+    "brush": "Brush",
+    "magic_formula": "Magic Formula",
+}
+UNITS = {
+    "yaw_rate": "rad/s",
+    "lateral_acceleration": "m/s^2",
+    "lateral_velocity": "m/s",
+    "heading": "rad",
+    "position_along": "m",
+    "position_across": "m",
+}
+DISAGREES = 1e-3
+
+
+class TyresSettings(BaseModel):
+    """Settings of this stage.
+
+    kinds : of tyres, all that there are unless said
+    runs : globs of the runs to be used, all unless said
+    least_speed : below which nothing is used [m/s]
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    kinds: Annotated[list[TyreKind], Field(min_length=1)] = list(get_args(TyreKind))
+    runs: list[str] | None = None
+    least_speed: Annotated[float, quantity("m/s", positive=True)] = 3.0
+
+
+def tyres(
+    logs: Sequence[Any], inputs: InputSettings, settings: TyresSettings, context: Context
+) -> StageOutput[TyresResult]:
+    """Identify the axle tyres from the runs under LOGS.
+
+    Raises
+    ------
+    UnusableLog
+        If there is no log that can be read.
+    NotIdentifiable
+        If the vehicle file lacks mass or the distances of the axles, if no run holds steering, speed and
+        motion, or if the vehicle hardly turns.
+    """
+    loaded = load(logs, inputs, context)
+    data = tyre_data(loaded, inputs.align, settings.runs, settings.least_speed)
+    found = _fit_all(data, settings, context)
+    known = {kind: uncertainty(one, data.ratio_std) for kind, one in found.items()}
+    fits = [tyre_fit(found[kind], known[kind]) for kind in found]
+    chosen = choose(fits)
+    result = _result(loaded, context, data, fits, chosen, found[chosen], known[chosen])
+    tables = tyre_tables(data, found[chosen], loaded.runs)
+    return StageOutput(result, tables, _model_part(data, result, found[chosen], known[chosen]))
+
+
+def _fit_all(data: TyreData, settings: TyresSettings, context: Context) -> dict[TyreKind, KindFit]:
+    kinds = [kind for kind in SIMPLE_FIRST if kind in settings.kinds]
+    found: dict[TyreKind, KindFit] = {}
+    for number, kind in enumerate(kinds):
+        context.progress(f"fit {NAMES[kind].lower()} tyres", number, len(kinds))
+        starts = tyre_starts(kind, data.records, data.body)
+        try:
+            found[kind] = fit_tyres(data.records, kind, data.body, starts, floor=data.floor)
+        except ValueError as error:
+            raise NotIdentifiable(
+                f"{NAMES[kind].lower()} tyres: {error}: look at the signs and units of the signals with "
+                "`ident info`"
+            ) from error
+    return found
+
+
+def choose(fits: Sequence[TyreFit]) -> TyreKind:
+    """The simplest kind whose criterion is within CLEARLY of the best."""
+    best = min(fit.criterion for fit in fits)
+    good = [fit.kind for fit in fits if fit.criterion <= best + CLEARLY]
+    return next(kind for kind in SIMPLE_FIRST if kind in good)
+
+
+def _why(fits: Sequence[TyreFit], chosen: TyreKind) -> str:
+    by_kind = {fit.kind: fit for fit in fits}
+    others = [kind for kind in by_kind if kind != chosen]
+    if not others:
+        return "the only kind that was fitted"
+    best = by_kind[chosen].criterion
+    told = ", ".join(f"{NAMES[kind].lower()} {by_kind[kind].criterion - best:+.0f}" for kind in others)
+    return f"its information criterion is the least, or the simplest near it: {told} against it"
+
+
+def _result(
+    loaded: LoadedLogs,
+    context: Context,
+    data: TyreData,
+    fits: Sequence[TyreFit],
+    chosen: TyreKind,
+    found: KindFit,
+    known: Uncertainty,
+) -> TyresResult:
+    own = next(fit for fit in fits if fit.kind == chosen)
+    agreement = run_agreement(found.fit)
+    return TyresResult(
+        schema_version=SCHEMA_VERSION,
+        provenance=provenance(context, loaded),
+        verdict=_verdict(own, found),
+        next_step=_next_step(own, data),
+        fits=list(fits),
+        chosen=chosen,
+        why=_why(fits, chosen),
+        excited=own.excited,
+        understeer_gradient=own.understeer_gradient,
+        characteristic_speed=own.characteristic_speed,
+        nuisance=nuisance(data, found, known.covariance),
+        fixed=fixed_values(data),
+        noise=_noise(found),
+        by_run=_by_run(data, found, agreement),
+        agreement_p=min(1.0, min(agreement) * len(agreement)) if len(agreement) > 1 else None,
+        speed=_range(found.problem.windows.inputs[:, 1]),
+        lateral_acceleration=_range(_acceleration(found)),
+        samples=sum(one.residual.size for one in found.fit.point.residuals.values()),
+        runs=[run.health for run in loaded.runs],
+        refused=[*data.left_out, *_refused(own), *loaded.unreadable],
+        warnings=[*loaded.warnings, *data.warnings, *own.warnings, *_disagreeing(data, agreement)],
+    )
+
+
+def _verdict(own: TyreFit, found: KindFit) -> str:
+    parts = [f"{axle} {_kilo(getattr(own, axle)['cornering_stiffness'])} kN/rad" for axle in AXLES]
+    handling = _handling(own.understeer_gradient)
+    rms = "; ".join(f"{name.replace('_', ' ')} to {own.rms[name]:.2g} {UNITS[name]}" for name in _first(own))
+    rest = " (more than its noise: the model lacks something)" if found.fit.is_coloured else ""
+    return f"{NAMES[own.kind]} axles: cornering stiffness {', '.join(parts)}; {handling}; {rms}{rest}"
+
+
+def _first(own: TyreFit) -> list[str]:
+    return [name for name in ("yaw_rate", "lateral_acceleration") if name in own.rms] or list(own.rms)[:1]
+
+
+def _kilo(one: Estimate) -> str:
+    if one.value is None or one.std is None:
+        return "unknown"
+    return f"{one.value / 1e3:.4g} ± {1.96 * one.std / 1e3:.2g}"
+
+
+def _handling(gradient: Estimate) -> str:
+    if gradient.value is None or gradient.std is None:
+        return "understeer unknown"
+    kind = "understeers" if gradient.value > 0 else "oversteers"
+    if abs(gradient.value) < 1.96 * gradient.std:
+        kind = "neutral within its error"
+    return f"{kind} by {gradient.value:.3g} ± {1.96 * gradient.std:.1g} rad s²/m"
+
+
+def _next_step(own: TyreFit, data: TyreData) -> str | None:
+    """Say what would tell the parameters that the data do not."""
+    estimates = {
+        **{f"front {k}": v for k, v in own.front.items()},
+        **{f"rear {k}": v for k, v in own.rear.items()},
+        "yaw inertia": own.yaw_inertia,
+    }
+    open_ones = [name.replace("_", " ") for name, one in estimates.items() if one.status != "identified"]
+    if "mass" not in data.vehicle.std:
+        mass = "state how well the mass is known in vehicle.yaml (mass: 12500 kg ± 300 kg)"
+    else:
+        mass = ""
+    drive = f"to know {', '.join(open_ones[:4])}: drive harder" if open_ones else ""
+    return "; ".join(part for part in (drive, mass) if part) or None
+
+
+def _refused(own: TyreFit) -> list[Refusal]:
+    told = {f"front.{k}": v for k, v in own.front.items()} | {f"rear.{k}": v for k, v in own.rear.items()}
+    told["yaw_inertia"] = own.yaw_inertia
+    return [
+        Refusal(name, one.reason or "not identifiable")
+        for name, one in told.items()
+        if one.status == "not_identifiable"
+    ]
+
+
+def _disagreeing(data: TyreData, agreement: Sequence[float]) -> list[str]:
+    return [
+        f"{run.name}: disagrees with the parameters of all runs together (p = {p:.1g}): another load, "
+        "another vehicle, or something that the model lacks"
+        for run, p in zip(data.runs, agreement, strict=True)
+        if len(agreement) > 1 and p * len(agreement) < DISAGREES
+    ]
+
+
+def _noise(found: KindFit) -> dict[str, ResidualNoise]:
+    made = {}
+    fit = found.fit
+    for name, one in fit.point.residuals.items():
+        noise = fit.point.noise[name]
+        shape = noise.shape
+        coefficients = shape.coefficients.tolist() if isinstance(shape, AutoRegression) else []
+        slow = name in fit.capped or fit.coloured[name] < 1e-4
+        made[name] = ResidualNoise(
+            UNITS[name], noise.std, noise.total_std, coefficients, one.samples.period, slow
+        )
+    return made
+
+
+def _by_run(data: TyreData, found: KindFit, agreement: Sequence[float]) -> list[TyreRun]:
+    windows, acceleration = found.problem.windows, _acceleration(found)
+    lengths = np.diff(windows.offsets)
+    of_grid = np.repeat(windows.run, lengths)
+    made = []
+    for number, run in enumerate(data.runs):
+        own = of_grid == number
+        seconds = sum(float(r.times[-1] - r.times[0]) for r in windows.records if r.run == number)
+        made.append(
+            TyreRun(
+                run=run.name,
+                windows=int(np.count_nonzero(windows.run == number)),
+                seconds=seconds,
+                speed=_range(windows.inputs[own, 1]),
+                lateral_acceleration=_range(acceleration[own]),
+                rms=_rms_of_run(found, number),
+                agreement_p=agreement[number] if len(agreement) > 1 else None,
+            )
+        )
+    return made
+
+
+def _rms_of_run(found: KindFit, number: int) -> dict[str, float]:
+    made = {}
+    for name, one in found.fit.point.residuals.items():
+        own = found.problem.windows.run[one.samples.window] == number
+        if own.any():
+            made[name] = float(np.sqrt(np.mean(one.residual[own] ** 2)))
+    return made
+
+
+def _acceleration(found: KindFit) -> Array:
+    """(N,) lateral acceleration of the model at the CG, from the forces of its axles [m/s²]."""
+    point, engine = found.fit.point, found.problem.engine
+    _, outputs = found.problem.simulate(point.shared, point.of_runs, point.local)
+    total = np.zeros(len(outputs))
+    for axle in AXLES:
+        total += outputs[:, engine.outputs.index(f"{axle}_lateral_force")]
+    return np.asarray(total / found.body.mass)
+
+
+def _range(values: Array) -> list[float]:
+    return [float(values.min()), float(values.max())]
+
+
+def _model_part(data: TyreData, result: TyresResult, found: KindFit, known: Uncertainty) -> Mapping[str, Any]:
+    """Return the part of ``model.yaml`` that this stage knows."""
+    own = next(fit for fit in result.fits if fit.kind == result.chosen)
+    given = {
+        name: {"value": float(getattr(data.vehicle, name)), "std": data.vehicle.std.get(name), "unit": unit}
+        for name, unit in GIVEN.items()
+    }
+    names = [f"tyres.{n}" if n.partition(".")[0] in AXLES else f"vehicle.{n}" for n in found.names]
+    names[found.names.index("steering_offset")] = "effects.steering_offset.angle"
+    return {
+        "vehicle": {**given, "yaw_inertia": _value(own.yaw_inertia)},
+        "reference_point": data.vehicle.reference_point,
+        "tyres": {
+            "kind": own.kind,
+            **{axle: {k: _value(v) for k, v in getattr(own, axle).items()} for axle in AXLES},
+        },
+        "effects": [_effect_part(one) for one in result.nuisance],
+        "noise": {
+            name: {"std": one.std, "ar": one.ar, "sample_period": one.sample_period}
+            for name, one in result.noise.items()
+        },
+        "parameters": names,
+        "covariance": known.covariance_of_values(found),
+        "valid_range": {"speed": result.speed, "lateral_acceleration": result.lateral_acceleration},
+    }
+
+
+def _value(one: Estimate) -> dict[str, Any]:
+    return {key: asdict(one)[key] for key in ("value", "std", "unit")}
+
+
+def _effect_part(one: EffectEstimate) -> dict[str, Any]:
+    parameters = {name: _value(estimate) for name, estimate in one.parameters.items()}
+    return {"name": one.name, "enters": one.enters, "parameters": parameters, "of": one.of, "run": one.run}
