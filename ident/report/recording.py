@@ -338,6 +338,7 @@ def _send_poses(recording: rr.RecordingStream, root: str, rows: pd.DataFrame, ou
     for way, pose in poses(rows).items():
         kept = _thinned(pose.time)
         time, truck = pose.time[kept], f"{root}/truck/{way}"
+        time[0] = rows["time"].min()  # it stands at its first known place until it moves
         _send_turned(recording, truck, time, pose.heading[kept], np.column_stack([pose.x, pose.y])[kept])
         angle = np.interp(time, steering.time[known], steering.value[known]) if known.any() else 0.0 * time
         for side, centre in zip(SIDES, outline.front_wheels, strict=True):

@@ -176,6 +176,18 @@ def test_the_truck_drives_where_it_was_measured(driven, tyres_case):
         np.testing.assert_allclose(heading, known["heading"].to_numpy()[at], atol=1e-5)
 
 
+def test_the_truck_stands_at_its_first_known_place_until_then(tyres_case, tmp_path):
+    result, tables = tyres_case
+    run = tyre_case.RUNS[0]
+    table = tables["tyres"].copy()
+    table.loc[table["time"] < 3.0, ["position_x", "position_y"]] = np.nan
+    write(tmp_path / "late.rrd", recording.tyres_part(result, {"tyres": table}))
+    time, place, _ = moved(tmp_path / "late.rrd", f"{recording.origin('tyres', run)}/truck/measured")
+    assert time[0] == 0.0
+    assert time[1] > 3.0
+    assert place[0].tolist() == [0.0, 0.0, 0.0]
+
+
 def test_the_simulated_truck_is_counted_from_the_same_place(driven, tyres_case):
     run = tyre_case.RUNS[0]
     rows = tyres_case[1]["tyres"].query("run == @run")

@@ -120,6 +120,7 @@ def _fits(result: TyresResult) -> list[Block]:
         Text(f"{KINDS[result.chosen]} was chosen: {result.why}.".replace("..", ".")),
         tables_of.fits(result),
     ]
+    blocks += tables_of.warnings_of(result)
     others = [fit for fit in result.fits if fit.kind != result.chosen]
     return blocks + [
         Details(f"Parameters with {KINDS[fit.kind]} tyres", [tables_of.kind_parameters(fit)])

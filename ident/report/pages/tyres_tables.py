@@ -89,8 +89,8 @@ def open_questions(result: TyresResult) -> list[Block]:
     if not reasons:
         return []
     lines = Lines([(f"{', '.join(names)}:", f"{why.rstrip('.')}.") for why, names in reasons.items()])
-    named = ", ".join(name for names in reasons.values() for name in names)
-    return [Details(f"Why {named} are not known better, and what to drive", [lines])]
+    open_ones = count(sum(map(len, reasons.values())), "parameter is", "parameters are")
+    return [Details(f"Why {open_ones} not known better, and what to drive", [lines])]
 
 
 def _estimate_cells(estimate: Estimate) -> list[Cell]:
@@ -169,8 +169,13 @@ def fits(result: TyresResult) -> Table:
     best = min((fit.criterion for fit in result.fits), default=0.0)
     rows = [_fit_row(fit, signals, best, chosen=fit.kind == result.chosen) for fit in result.fits]
     notes = ["errors: RMS of measured minus modelled, in windows with initial states of their own"]
-    notes += [f"{KINDS[fit.kind]}: {text}" for fit in result.fits for text in fit.warnings]
     return Table(columns, rows, notes=notes, download="tyre_fits.csv")
+
+
+def warnings_of(result: TyresResult) -> list[Block]:
+    """Say what is doubtful about each fit."""
+    told = [(f"{KINDS[fit.kind]}:", f"{text}.") for fit in result.fits for text in fit.warnings]
+    return [Lines(told)] if told else []
 
 
 def _fit_row(fit: TyreFit, signals: Sequence[str], best: float, *, chosen: bool) -> list[Cell]:

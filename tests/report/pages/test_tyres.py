@@ -108,7 +108,7 @@ def test_what_is_not_identifiable_stands_with_what_to_drive(page):
     row = parameters.rows[3]
     assert (row[3].text, row[5].text, row[5].tone) == ("–", "not identifiable", "bad")
     why = page.lead[0].blocks[0][1]
-    assert why.summary.startswith("Why front C, front E, rear C, rear E are not known better")
+    assert why.summary == "Why 4 parameters are not known better, and what to drive"
     assert why.blocks[0].items == [("front C, front E, rear C, rear E:", f"{tyre_case.NO_PEAK}.")]
 
 
