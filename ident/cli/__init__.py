@@ -11,6 +11,7 @@ from ident.cli.boundary import ErrorBoundary
 from ident.cli.info import info
 from ident.cli.init import init
 from ident.cli.steering import steering
+from ident.cli.tyres import tyres
 
 # The matrices of a fit are many and small: a BLAS with threads spends its time waiting for them.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -27,6 +28,7 @@ def main() -> None:
     Example:
       ident info my_logs/
       ident steering my_logs/
+      ident tyres my_logs/
 
     \b
     Exit codes: 0 done, 1 internal error, 2 usage, 3 no usable log or a bad recipe,
@@ -37,3 +39,4 @@ def main() -> None:
 main.add_command(init)
 main.add_command(info)
 main.add_command(steering)
+main.add_command(tyres)

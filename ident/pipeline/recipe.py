@@ -15,6 +15,7 @@ from ident.errors import UsageError
 from ident.pipeline.options import RunOptions
 from ident.stages.inputs import InputSettings
 from ident.stages.steering import SteeringSettings
+from ident.stages.tyres import TyresSettings
 from ident.yaml_file import check, read_yaml
 
 
@@ -22,6 +23,7 @@ class Recipe(InputSettings):
     """Which files apply to the logs and how they are read, then the settings of each stage."""
 
     steering: SteeringSettings = Field(default_factory=SteeringSettings)
+    tyres: TyresSettings = Field(default_factory=TyresSettings)
 
     def inputs(self) -> InputSettings:
         """Give what every stage needs to read the logs."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from ident.report.page import Page
     from ident.report.recording import Part
-    from ident.results import InfoResult, SteeringResult
+    from ident.results import InfoResult, SteeringResult, TyresResult
 
 Tables = Mapping[str, "pd.DataFrame"]
 
@@ -83,6 +83,30 @@ def _record_steering(result: SteeringResult, tables: Tables) -> Part:
     return steering_part(result, tables)
 
 
+def _tyres(logs: Sequence[Path], recipe: Recipe, context: Context) -> StageOutput[TyresResult]:
+    from ident.stages.tyres import tyres
+
+    return tyres(logs, recipe.inputs(), recipe.tyres, context)
+
+
+def _describe_tyres(result: TyresResult) -> str:
+    from ident.report.summary import describe_tyres
+
+    return describe_tyres(result)
+
+
+def _tyres_page(result: TyresResult, tables: Tables) -> Page:
+    from ident.report.pages.tyres import tyres_page
+
+    return tyres_page(result, tables)
+
+
+def _record_tyres(result: TyresResult, tables: Tables) -> Part:
+    from ident.report.recording import tyres_part
+
+    return tyres_part(result, tables)
+
+
 STAGES: dict[str, Stage] = {
     "info": Stage(_info, _describe_info, _info_page),
     "steering": Stage(
@@ -91,5 +115,12 @@ STAGES: dict[str, Stage] = {
         _steering_page,
         tables=("steering", "steering_request"),
         record=_record_steering,
+    ),
+    "tyres": Stage(
+        _tyres,
+        _describe_tyres,
+        _tyres_page,
+        tables=("tyres", "tyre_forces"),
+        record=_record_tyres,
     ),
 }
