@@ -2,9 +2,8 @@
 
 Each signal is interpolated to the grid, then a parabola (for the heading a cubic) is fitted around every grid
 point (Savitzky and Golay 1964) over ``WINDOW`` seconds, or over five samples of the slowest signal where that
-is longer. Value and slope come from the same fit, so that all have the same bandwidth: with 0.2 s they are
-within 3 % up to 1 Hz and at -3 dB near 2.5 Hz, without delay. What is faster is lost; a heavy truck turns
-slower, but a step of a road wheel does not.
+is longer. Value and slope come from the same fit, without delay; with 0.2 s slopes are within 3 % up to
+0.85 Hz and at -3 dB at 2.75 Hz. What is faster is lost: a heavy truck turns slower than that.
 
 To the centre of gravity (METHODS section 2): a_y = a_y,P - x_P ṙ + y_P r², v_y = v_y,P - x_P r.
 

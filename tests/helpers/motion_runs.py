@@ -1,6 +1,6 @@
 """Small runs with known motion: a circle, and the simulated truck with something done to its signals."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -9,8 +9,13 @@ from generator.motion_sets import motion_set, noise_free
 from generator.truth import load_truth
 from truck_runs import run_of, vehicle_of
 
+from ident.estimation.tyre_fit import Body
+from ident.estimation.vehicle_records import MotionRecord, Samples
+from ident.experiments.motion import MotionRun, MotionSettings, motion_run
 from ident.signals.signal import Run, Signal
 
+TRUTH = load_truth().planar
+BODY = Body(TRUTH.body.mass, TRUTH.body.cg_to_front_axle, TRUTH.body.cg_to_rear_axle)
 Change = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -41,3 +46,29 @@ def changed(run: Run, **changes: Change) -> Run:
 def at_times(signal: Signal, keep: np.ndarray) -> Signal:
     """The samples of a signal that are kept."""
     return replace(signal, time=signal.time[keep], values=signal.values[keep])
+
+
+def records(name: str = "planar/planar_a", *, noisy: bool = True, run: int = 0) -> list[MotionRecord]:
+    """Whole stretches of a run."""
+    found = motion_run(truck_run(name, noisy=noisy), settings=MotionSettings(window=1e9))
+    assert isinstance(found, MotionRun)
+    return [
+        MotionRecord(
+            run,
+            window.times,
+            window.road_wheel_angle,
+            window.speed,
+            {each.signal: Samples(each.times, each.values) for each in window.measurements.values()},
+            found.reference_x,
+            found.imu,
+        )
+        for window in found.windows
+    ]
+
+
+def without(given: Sequence[MotionRecord], *names: str) -> list[MotionRecord]:
+    """The windows without these signals."""
+    return [
+        replace(one, measured={name: each for name, each in one.measured.items() if name not in names})
+        for one in given
+    ]
