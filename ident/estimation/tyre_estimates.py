@@ -107,7 +107,7 @@ def _estimate(one: Coordinate, at: float, std: float, excited: Mapping[str, Sequ
     value = one.value(at)
     unit = _unit(one.name)
     size = std * (value if one.logarithmic else 1.0)
-    status, reason = _status(one, value, std, excited)
+    status, reason = _status(one, std, excited)
     if status == "not_identifiable":
         return Estimate(value, float(size), None, None, unit, status, reason)
     ends = [one.value(at + z * std) for z in (-Z, Z)]
@@ -123,9 +123,7 @@ def _unit(name: str) -> str:
     return next(p.unit for kind in TYRES.values() for p in kind.parameters if p.name == own)
 
 
-def _status(
-    one: Coordinate, value: float, std: float, excited: Mapping[str, Sequence[float]]
-) -> tuple[Status, str | None]:
+def _status(one: Coordinate, std: float, excited: Mapping[str, Sequence[float]]) -> tuple[Status, str | None]:
     """Verdict on one parameter, and the reason where it is not identified."""
     axle, _, own = one.name.partition(".")
     if one.name == "steering_offset":
@@ -136,7 +134,8 @@ def _status(
         return "identified", None
     what = _what_to_drive(axle, own, excited)
     if held or relative > WEAK:
-        near = f", held near {value:.3g} by what is usual" if np.isfinite(one.prior_std) else ""
+        usual = one.value(one.prior_mean)
+        near = f", held near the usual {usual:.3g}" if np.isfinite(one.prior_std) else ""
         return "not_identifiable", f"the data do not tell it{near}: {what}"
     return "weak", f"known to {100 * relative:.0f} %: {what}"
 

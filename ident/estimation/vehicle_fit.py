@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from ident.estimation.elimination import eliminate, inverse_of, stacked, triangle_of
+from ident.estimation.elimination import eliminate, inverse_of, triangle_of
 from ident.estimation.gauss_newton import minimise
 from ident.estimation.noise import AutoRegression, Linearised, NoiseModel
 from ident.estimation.noise_fit import fit_autoregression
@@ -36,11 +36,13 @@ Array = NDArray[np.float64]
 LONGEST_NOISE = 0.25  # [s] correlation time of a sensor's noise
 NOISE_ROUNDS = 5
 FREE_ROUNDS = 2  # rounds in which the order of the noise may still change
-FIRST_LOOK = 6  # iterations from each start before the best is followed
+FIRST_LOOK = 3  # iterations from each start before the best is followed
 BLOCK = 1.0  # [s] over which whitened residuals are summed to see slow colour
 CERTAIN = 1e-4  # p-value of that sum below which the colour is there
 BIN = 0.1  # [s] of the scores
 LONGEST_LAG = 3.0  # [s] of the scores' correlation
+TOLD = 0.99  # of the information on a direction: it comes from the data
+LEAST_SHARE = 1e-3  # of the information on a direction, that a run must have for it to be compared
 SETTLED = 1e-3
 NEGLIGIBLE = 1e-2  # gain of 2 log likelihood that is no gain: a tenth of a standard deviation
 QUIET = 1e-9  # least size of a noise over the size of its signal
@@ -285,29 +287,40 @@ def _log_likelihood(point: VehiclePoint) -> float:
 
 
 def run_agreement(fit: VehicleFit) -> list[float]:
-    """p-value for each run of the hypothesis that it has the parameters that all runs have together."""
-    runs = fit.point.by_run
-    if len(runs) < 2:
-        return [1.0 for _ in runs]
-    total = inverse_of(stacked(runs)[: fit.shared.size, :-1])
-    inverse = total @ total.T
+    """p-value for each run of the hypothesis that it has the parameters that all runs have together.
+
+    It is a test of the run's score at the common estimate, in the directions of the parameters that the data
+    tell and not the prior.
+    """
+    parts = [(run.rows[:, :-1], run.rows[:, -1]) for run in fit.point.by_run]
+    if len(parts) < 2:
+        return [1.0 for _ in parts]
+    told = sum(jacobian.T @ jacobian for jacobian, _ in parts)
+    spread = np.linalg.inv(fit.information)
+    basis = _told_directions(np.asarray(told), fit.information)
     wider = inflation(fit)
     made = []
-    for run in runs:
-        jacobian, residual = run.rows[:, :-1], run.rows[:, -1]
-        information, score = jacobian.T @ jacobian, jacobian.T @ residual
-        spread = information - information @ inverse @ information
-        made.append(_quadratic_p(score, spread, information, wider))
+    for jacobian, residual in parts:
+        own = jacobian.T @ jacobian
+        moved = own @ spread
+        covariance = own - moved @ own - own @ moved.T + moved @ told @ moved.T
+        score = basis.T @ jacobian.T @ residual
+        made.append(_quadratic_p(score, basis.T @ covariance @ basis, wider))
     return made
 
 
-def _quadratic_p(score: Array, spread: Array, information: Array, inflation: float) -> float:
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    values, vectors = np.linalg.eigh(spread / np.outer(scale, scale))
-    kept = values > 1e-8 * max(float(values.max()), 1e-300)
-    along = vectors[:, kept].T @ (score / scale)
-    statistic = float(np.sum(along**2 / values[kept])) / inflation
-    return float(chi2.sf(statistic, int(kept.sum())))
+def _told_directions(told: Array, information: Array) -> Array:
+    """(s, k) directions of unit information, nearly all of which comes from the data."""
+    factor = np.linalg.inv(np.linalg.cholesky(information))
+    share, vectors = np.linalg.eigh(factor @ told @ factor.T)
+    return np.asarray(factor.T @ vectors[:, share > TOLD])
+
+
+def _quadratic_p(score: Array, spread: Array, wider: float) -> float:
+    values, vectors = np.linalg.eigh(spread)
+    kept = values > LEAST_SHARE
+    along = vectors[:, kept].T @ score
+    return float(chi2.sf(float(np.sum(along**2 / values[kept])) / wider, max(1, int(kept.sum()))))
 
 
 def inflation(fit: VehicleFit) -> float:
