@@ -112,7 +112,7 @@ def check_plausibility(run: Run, steering: Signal, speed: Signal) -> list[Findin
 
     Returns
     -------
-    one finding a pair that the run holds and excites enough to tell
+    one finding for each pair that the run holds and excites enough to tell (a correlation above 0.8)
     """
     scene = _scene(run, steering, speed)
     moving = _translation(scene)
@@ -180,7 +180,7 @@ def _turning(scene: _Scene) -> list[Finding]:
     wrong = {name: pair for name, pair in pairs.items() if pair.off(*_range_of(name, scene))}
     right = [name for name, pair in pairs.items() if pair.certain and name not in wrong]
     subject = "yaw_rate" if "yaw_rate" in scene.series else "heading"
-    findings = [_fine(name, subject, pair, scene) for name, pair in pairs.items() if name not in wrong]
+    findings = [_fine(name, subject, pairs[name], scene) for name in right]
     if len(wrong) > 1 and not right:
         return [*findings, _all_disagree(subject, wrong)]
     if right == ["heading"] and set(wrong) == {"road_wheel_angle", "lateral_acceleration"}:
@@ -229,7 +229,7 @@ WANTED = {
 
 def _fine(name: str, subject: str, pair: _Pair, scene: _Scene) -> Finding:
     low, high = (0.7, 2.0) if name == "road_wheel_angle" else (0.85, 1.18)
-    doubtful = pair.certain and not low <= pair.ratio <= high
+    doubtful = not low <= pair.ratio <= high
     if name == "road_wheel_angle" and scene.wheelbase is None:
         doubtful = False
     text = f"{WANTED[name]} is {pair.ratio:.3g} (correlation {pair.correlation:.2f}), expected about 1"
