@@ -1,6 +1,7 @@
 """The truck seen from above, in the frame of the point that its logged positions belong to.
 
-x forward, y left [m]. Only the axles are known; cab, wheels and width are those of any heavy truck.
+x forward, y left [m]. Only the axles are known; cab, wheels and width are those of any heavy truck, smaller
+for a vehicle whose axles are nearer to each other.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from ident.results import TyresResult
 
 FRONT_OVERHANG, REAR_OVERHANG, WIDTH = 1.4, 1.1, 2.5
 WHEEL_LENGTH, WHEEL_WIDTH, TRACK = 1.0, 0.35, 2.0
+USUAL_WHEELBASE = 3.6
+"""From here on a truck has its full width [m]."""
 CAB = 1.9
 """Length of the cab [m]."""
 AXLES = (2.3, 2.1)
@@ -49,11 +52,15 @@ def outline(front: float, rear: float, reference_x: float) -> Outline:
     reference_x : of the origin, from the CG [m]
     """
     ahead, behind = front - reference_x, -rear - reference_x
-    nose, tail = ahead + FRONT_OVERHANG, behind - REAR_OVERHANG
-    body = _box(tail, nose, -WIDTH / 2, WIDTH / 2)
-    cab = np.array([[nose - CAB, -WIDTH / 2], [nose - CAB, WIDTH / 2]])
-    wheel = _box(-WHEEL_LENGTH / 2, WHEEL_LENGTH / 2, -WHEEL_WIDTH / 2, WHEEL_WIDTH / 2)
-    sides = np.array([-TRACK / 2, TRACK / 2])
+    scale = min(1.0, (front + rear) / USUAL_WHEELBASE)
+    nose, tail = ahead + scale * FRONT_OVERHANG, behind - scale * REAR_OVERHANG
+    right, left = -scale * WIDTH / 2, scale * WIDTH / 2
+    body, cab = (
+        _box(tail, nose, right, left),
+        np.array([[nose - scale * CAB, right], [nose - scale * CAB, left]]),
+    )
+    wheel = scale * _box(-WHEEL_LENGTH / 2, WHEEL_LENGTH / 2, -WHEEL_WIDTH / 2, WHEEL_WIDTH / 2)
+    sides = scale * np.array([-TRACK / 2, TRACK / 2])
     rear_wheels = [wheel + np.array([behind, side]) for side in sides]
     return Outline([body, cab, *rear_wheels], wheel, np.column_stack([np.full(2, ahead), sides]))
 

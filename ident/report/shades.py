@@ -44,7 +44,7 @@ def dots(x: Array, y: Array, role: str, name: str, *, hover: str, symbol: str = 
         "x": x,
         "y": y,
         "name": label(name),
-        "marker": {"color": LIGHT[role], "size": 4, "symbol": symbol, "opacity": 0.8},
+        "marker": {"color": LIGHT[role], "size": 3, "symbol": symbol, "opacity": 0.5},
         "hovertemplate": f"{hover}<extra>{label(name)}</extra>",
     }
 

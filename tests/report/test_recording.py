@@ -254,6 +254,13 @@ def test_an_outline_has_its_axles_where_they_are():
     np.testing.assert_allclose(middles, [[0.0, -1.0], [0.0, 1.0]], atol=1e-12)
 
 
+def test_a_car_is_smaller_than_a_truck():
+    truck, car = outline(front=2.4, rear=2.1, reference_x=0.0), outline(front=1.3, rear=1.2, reference_x=0.0)
+    width, narrow = (np.ptp(drawn.body[0][:, 1]) for drawn in (truck, car))
+    assert width == pytest.approx(2.5)
+    assert narrow < 1.9
+
+
 def test_the_outline_stands_about_the_cg_where_nothing_tells_another_point(tyres_case):
     result = replace(tyres_case[0], fixed={}, by_run=[])
     assert outline_of(result, "any").front_wheels[0, 0] == 2.3

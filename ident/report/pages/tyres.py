@@ -117,7 +117,7 @@ def _lead(result: TyresResult, forces: pd.DataFrame) -> list[Block]:
 
 def _fits(result: TyresResult) -> list[Block]:
     blocks: list[Block] = [
-        Text(f"{KINDS[result.chosen]} was chosen: {result.why}.".replace("..", ".")),
+        Text(f"Chosen: {KINDS[result.chosen]}. Why: {result.why}."),
         tables_of.fits(result),
     ]
     blocks += tables_of.warnings_of(result)
