@@ -218,7 +218,7 @@ class Engine:
         substeps: ArrayLike | None,
     ) -> tuple[Any, ...]:
         """The arguments of the drivers, checked: compiled code does not look at bounds."""
-        bounds = np.ascontiguousarray(offsets, dtype=np.int64)
+        bounds = np.require(offsets, dtype=np.int64, requirements=["C", "W"])
         segments = bounds.size - 1
         count = int(bounds[-1]) if segments >= 0 else 0
         if segments < 0 or bounds[0] != 0 or np.any(np.diff(bounds) < 1):
@@ -235,7 +235,7 @@ class Engine:
             bounds,
             _array(values, (rows, len(self.parameters)), "parameters"),
             self._running(held),
-            np.ascontiguousarray(parts),
+            np.require(parts, requirements=["C", "W"]),
         )
 
     def _running(self, held: Iterable[str] | None) -> Array:
@@ -247,7 +247,7 @@ class Engine:
 
 
 def _array(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    found = np.ascontiguousarray(values, dtype=np.float64)
+    found = np.require(values, dtype=np.float64, requirements=["C", "W"])
     if found.shape != shape:
         raise ValueError(f"{name} has shape {found.shape}, need {shape}")
     return found

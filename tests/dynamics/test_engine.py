@@ -102,6 +102,19 @@ def test_many_segments_at_once_are_as_each_alone() -> None:
         assert np.array_equal(together[2][:, part], alone[2])
 
 
+def test_arrays_that_are_read_only_or_not_contiguous_are_taken_as_well() -> None:
+    engine, p = magic()
+    starts, inputs, steps, offsets = segments(5, [20], 0.02)
+    arguments = (starts, np.asfortranarray(inputs), np.broadcast_to(0.02, 20), offsets.astype(np.int32), p)
+    parts = np.broadcast_to(np.int64(1), 20)
+    p.flags.writeable = False
+    expected = engine.simulate(starts, inputs, steps, offsets, p)[1]
+    assert np.array_equal(engine.simulate(*arguments, substeps=parts)[1], expected)
+    derivatives = engine.sensitivities(*arguments, active=[0], substeps=parts)[2]
+    wanted = engine.sensitivities(starts, inputs, steps, offsets, p, active=[0])[2]
+    assert np.array_equal(derivatives, wanted)
+
+
 def test_simulation_with_and_without_derivatives_is_the_same() -> None:
     engine, p = magic()
     arguments = (*segments(5, SIZES, 0.02), p)

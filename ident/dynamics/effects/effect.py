@@ -21,7 +21,7 @@ Enters = Literal["A", "G", "T", "Y", "R", "X", "M"]
 Change = Callable[[Expr, Mapping[str, Expr]], Expr]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Effect:
     """A term that a base model may have or lack.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from ident.dynamics.effects.effect import Effect
 from ident.dynamics.parameter import Parameter
 from ident.dynamics.symbols import symbol
@@ -13,6 +15,7 @@ SIZES = {
 }
 
 
+@cache
 def sensor_bias(signal: str) -> Effect:
     """Bias of the sensor of one signal; its parameter is named such as "yaw_rate_bias".
 

@@ -1,0 +1,128 @@
+"""Effects: each changes its port and all that follows; several compose; what does not fit is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy
+from vehicle_values import AT_CG, BODY, segments, tyres
+
+from ident.dynamics.bicycle import bicycle
+from ident.dynamics.effects import ROAD_BANK, STEERING_OFFSET, Effect, sensor_bias
+from ident.dynamics.effects.sensor_bias import SIZES
+from ident.dynamics.kinematic import kinematic
+from ident.dynamics.parameter import Parameter
+from ident.dynamics.symbols import symbol
+from ident.dynamics.system import System
+
+COMPLIANCE = Effect(
+    "compliance_steer",
+    "G",
+    (Parameter("compliance", "rad/N", 0.0, 1e-5, 5e-7, "steer of the wheels per axle force"),),
+    {
+        "front_slip_angle": lambda slip, known: (
+            slip / (1 + symbol("compliance") * known["front.cornering_stiffness"])
+        )
+    },
+)
+WIND = Effect(
+    "crosswind",
+    "Y",
+    tuple(Parameter(name, "N", -1e4, 1e4, 2e3, name) for name in ("wind_force", "wind_moment")),
+    {
+        "lateral_force": lambda force, _: force + symbol("wind_force"),
+        "yaw_moment": lambda moment, _: moment + symbol("wind_moment"),
+    },
+)
+
+
+def evaluated(system: System, values: dict[str, float]) -> dict[str, np.ndarray]:
+    """Rates and outputs of a model at some points, without compiling it."""
+    starts, inputs, _, _ = segments(5, [1] * 6, 0.5)
+    found: dict[str, list[float]] = {}
+    for state, entry in zip(starts, inputs, strict=True):
+        at = (
+            dict(zip(system.states, state, strict=True))
+            | dict(zip(system.inputs, entry, strict=True))
+            | values
+        )
+        known = {symbol(name): value for name, value in at.items()}
+        for name, expression in system.intermediates.items():
+            known[symbol(name)] = sympy.sympify(expression).subs(known)
+        for group, expressions in (("rate", system.states), ("output", system.outputs)):
+            for name, expression in expressions.items():
+                value = float(sympy.sympify(expression).subs(known))
+                found.setdefault(f"{group} {name}", []).append(value)
+    return {name: np.array(values) for name, values in found.items()}
+
+
+VALUES = BODY | tyres("linear", "linear") | AT_CG
+
+
+def test_a_model_has_the_parameters_of_its_effects_and_of_no_others() -> None:
+    assert bicycle("linear", "linear").parameters[-3:] == ("steering_offset", "bank_cos", "bank_sin")
+    bare = bicycle("linear", "linear", effects=()).parameters
+    assert not {"steering_offset", "bank_cos", "bank_sin"} & set(bare)
+    assert bicycle("linear", "linear", effects=(ROAD_BANK,)).parameters == (*bare, "bank_cos", "bank_sin")
+
+
+@pytest.mark.parametrize("effect", [STEERING_OFFSET, ROAD_BANK, COMPLIANCE, WIND], ids=lambda e: e.name)
+def test_an_effect_of_size_zero_changes_nothing(effect: Effect) -> None:
+    with_it = evaluated(
+        bicycle("linear", "linear", effects=(effect,)), VALUES | dict.fromkeys(effect.names, 0.0)
+    )
+    without = evaluated(bicycle("linear", "linear", effects=()), VALUES)
+    assert with_it.keys() == without.keys()
+    for name in without:
+        assert with_it[name] == pytest.approx(without[name], rel=1e-12, abs=1e-12)
+
+
+def test_compliance_acts_as_a_softer_axle() -> None:
+    soft = bicycle("linear", "linear", effects=(COMPLIANCE,))
+    compliance, stiffness = 5e-7, VALUES["front.cornering_stiffness"]
+    found = evaluated(soft, VALUES | {"compliance": compliance})
+    softer = VALUES | {"front.cornering_stiffness": stiffness / (1 + compliance * stiffness)}
+    expected = evaluated(bicycle("linear", "linear", effects=()), softer)
+    for name in expected.keys() - {"output front_slip_angle"}:
+        assert found[name] == pytest.approx(expected[name], rel=1e-9, abs=1e-12)
+
+
+def test_wind_pushes_and_turns_and_the_accelerometer_at_the_centre_does_not_tell_it_from_a_bank() -> None:
+    found = evaluated(
+        bicycle("linear", "linear", effects=(WIND,)), VALUES | {"wind_force": 900.0, "wind_moment": 300.0}
+    )
+    still = evaluated(bicycle("linear", "linear", effects=()), VALUES)
+    pushed = found["rate lateral_velocity"] - still["rate lateral_velocity"]
+    turned = found["rate yaw_rate"] - still["rate yaw_rate"]
+    assert pushed == pytest.approx(900.0 / BODY["mass"], rel=1e-6)
+    assert turned == pytest.approx(300.0 / BODY["yaw_inertia"], rel=1e-6)
+
+
+def test_effects_compose() -> None:
+    both = bicycle("linear", "linear", effects=(STEERING_OFFSET, WIND))
+    sizes = {"steering_offset": 0.01, "wind_force": 900.0, "wind_moment": 300.0}
+    found = evaluated(both, VALUES | sizes)
+    offset = evaluated(bicycle("linear", "linear", effects=(STEERING_OFFSET,)), VALUES | sizes)
+    pushed = found["rate lateral_velocity"] - offset["rate lateral_velocity"]
+    assert pushed == pytest.approx(900.0 / BODY["mass"], rel=1e-6)
+
+
+@pytest.mark.parametrize("signal", SIZES)
+def test_a_bias_is_on_its_own_sensor_only(signal: str) -> None:
+    effect = sensor_bias(signal)
+    found = evaluated(bicycle("linear", "linear", effects=(effect,)), VALUES | {effect.names[0]: 0.05})
+    expected = evaluated(bicycle("linear", "linear", effects=()), VALUES)
+    for name, values in expected.items():
+        bias = 0.05 if name == f"output {signal}" else 0.0
+        assert found[name] == pytest.approx(values + bias, rel=1e-12, abs=1e-14)
+
+
+def test_refuses_an_effect_at_a_port_that_the_model_does_not_have() -> None:
+    with pytest.raises(ValueError, match="road_bank enters at lateral_force"):
+        kinematic(effects=(ROAD_BANK,))
+
+
+def test_sizes_lie_inside_their_bounds() -> None:
+    for effect in (STEERING_OFFSET, ROAD_BANK, *map(sensor_bias, SIZES)):
+        for parameter in effect.parameters:
+            assert parameter.low < 0 < parameter.typical < parameter.high
