@@ -1,6 +1,7 @@
 # make run      identify the steering of the sample logs (report in reports/sample_logs/)
 # make test     everything that is checked: style, types, tests
 # make study    the statistical studies, in full; what is done is kept and not done again
+# make bench    nanoseconds a step of each model, and one fit against CasADi and scipy, as ratios
 # make schema   JSON Schemas of the outputs, from the classes of ident/results.py
 # make samples  the sample logs again, from their seed
 # make lock     the pinned requirements again, from pyproject.toml (needs uv: https://docs.astral.sh/uv)
@@ -21,7 +22,7 @@ ifneq ($(shell $(BIN)/python -c 'print("runs")' 2>/dev/null),runs)
 .PHONY: $(VENV)/run.stamp $(VENV)/dev.stamp
 endif
 
-.PHONY: run test study schema samples lock clean
+.PHONY: run test study bench schema samples lock clean
 
 run: $(VENV)/run.stamp
 	$(BIN)/ident steering sample_logs/
@@ -35,6 +36,13 @@ test: $(VENV)/dev.stamp
 study: $(VENV)/dev.stamp
 	$(BIN)/python studies/steering_coverage.py --seeds 200 --jobs 2
 	$(BIN)/python studies/steering_efficiency.py --sets 1000 --jobs 2
+	$(BIN)/python studies/tyre_bound.py
+	$(BIN)/python studies/tyre_inputs.py --jobs 2
+	$(BIN)/python studies/tyre_coverage.py --seeds 500 --jobs 2
+
+bench: $(VENV)/dev.stamp
+	$(BIN)/python benchmarks/bench_models.py
+	$(BIN)/python benchmarks/bench_fit.py
 
 schema: $(VENV)/dev.stamp
 	$(BIN)/python -m ident.pipeline.schema docs/schema

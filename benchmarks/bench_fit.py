@@ -2,10 +2,10 @@
 
     python benchmarks/bench_fit.py [--without-scipy]
 
-The same objective, start and model (see ``fit_problem.py``). `ident` and CasADi have exact
-derivatives and the same minimiser; scipy has ``solve_ivp``, finite differences and ``least_squares``. Deriving
-and compiling is timed apart. Estimates are compared, so that nobody is fast by being wrong: the table tells
-the largest relative difference from `ident` of any of the eight parameters, and in standard errors.
+The same objective, start and model (see ``fit_problem.py``). `ident` and CasADi have exact derivatives and
+the same minimiser; scipy has ``solve_ivp``, finite differences and ``least_squares``. Deriving and compiling
+is timed apart. Estimates are compared, so that nobody is fast by being wrong: the table tells the largest
+relative difference from `ident` of any of the eight parameters, and in standard errors.
 
 CasADi is timed four times: with its own derivatives of the simulation or with the recursion of the
 sensitivities written out by hand, each on its virtual machine and as C compiled for this machine.
@@ -24,7 +24,7 @@ from time import perf_counter
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "sample_logs"), str(HERE.parent)]
+sys.path[:0] = [str(HERE), str(HERE.parent / "sample_logs")]
 
 import casadi  # noqa: E402
 import fit_casadi  # noqa: E402

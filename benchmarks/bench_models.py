@@ -18,7 +18,6 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -140,14 +139,13 @@ def main() -> None:
     if options.model:
         print(json.dumps(measure(options.model).__dict__))
         return
-    root = str(Path(__file__).resolve().parent.parent)
     print(
         f"{'':32}{'ready [s]':>18}{'simulate [ns/step]':>22}{'sensitivities [ns/step]':>28}{'active':>8}\n"
         f"{'':32}{'cold':>9}{'warm':>9}{'first':>11}{'repeated':>11}{'first':>14}{'repeated':>14}"
     )
     for name in models():
         with tempfile.TemporaryDirectory() as cache:
-            environment = {**os.environ, "IDENT_CACHE": cache, "PYTHONPATH": root}
+            environment = {**os.environ, "IDENT_CACHE": cache}
             cold, warm = in_process(name, environment), in_process(name, environment)
         if not cold.derived or warm.derived:
             raise RuntimeError(f"{name}: the disk cache did not work as it should")
