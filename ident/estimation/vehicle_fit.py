@@ -286,18 +286,26 @@ def _log_likelihood(point: VehiclePoint) -> float:
     return total
 
 
-def run_agreement(fit: VehicleFit) -> list[float]:
-    """p-value for each run of the hypothesis that it has the parameters that all runs have together.
+@dataclass(frozen=True)
+class RunAgreement:
+    """How a run agrees with the parameters of all runs together.
 
-    It is a test of the run's score at the common estimate, in the directions of the parameters that the data
-    tell and not the prior.
+    p : p-value of the hypothesis that it has the same
+    shift : (s,) by how much it alone would move the coordinates, in the directions that the data tell
     """
+
+    p: float
+    shift: Array
+
+
+def run_agreement(fit: VehicleFit) -> list[RunAgreement]:
+    """Test each run's score at the common estimate, in the directions that data tell and not the prior."""
     parts = [(run.rows[:, :-1], run.rows[:, -1]) for run in fit.point.by_run]
     if len(parts) < 2:
-        return [1.0 for _ in parts]
-    told = sum(jacobian.T @ jacobian for jacobian, _ in parts)
+        return [RunAgreement(1.0, np.zeros(fit.shared.size)) for _ in parts]
+    told = np.sum([jacobian.T @ jacobian for jacobian, _ in parts], axis=0)
     spread = np.linalg.inv(fit.information)
-    basis = _told_directions(np.asarray(told), fit.information)
+    basis = _told_directions(told, fit.information)
     wider = inflation(fit)
     made = []
     for jacobian, residual in parts:
@@ -305,7 +313,8 @@ def run_agreement(fit: VehicleFit) -> list[float]:
         moved = own @ spread
         covariance = own - moved @ own - own @ moved.T + moved @ told @ moved.T
         score = basis.T @ jacobian.T @ residual
-        made.append(_quadratic_p(score, basis.T @ covariance @ basis, wider))
+        p = _quadratic_p(score, basis.T @ covariance @ basis, wider)
+        made.append(RunAgreement(p, basis @ np.linalg.pinv(basis.T @ own @ basis) @ score))
     return made
 
 

@@ -20,7 +20,7 @@ from ident.estimation.noise import AutoRegression
 from ident.estimation.tyre_estimates import Uncertainty, tyre_fit, uncertainty
 from ident.estimation.tyre_fit import AXLES, KindFit, fit_tyres
 from ident.estimation.tyre_start import tyre_starts
-from ident.estimation.vehicle_fit import run_agreement
+from ident.estimation.vehicle_fit import RunAgreement, run_agreement
 from ident.results import (
     SCHEMA_VERSION,
     EffectEstimate,
@@ -58,6 +58,8 @@ UNITS = {
     "position_across": "m",
 }
 DISAGREES = 1e-3
+PRACTICAL = 0.03  # relative
+COMPARED = ("front.cornering_stiffness", "rear.cornering_stiffness", "yaw_inertia")
 
 
 class TyresSettings(BaseModel):
@@ -158,13 +160,15 @@ def _result(
         fixed=fixed_values(data),
         noise=_noise(found),
         by_run=_by_run(data, found, agreement),
-        agreement_p=min(1.0, min(agreement) * len(agreement)) if len(agreement) > 1 else None,
+        agreement_p=min(1.0, min(one.p for one in agreement) * len(agreement))
+        if len(agreement) > 1
+        else None,
         speed=_range(found.problem.windows.inputs[:, 1]),
         lateral_acceleration=_range(_acceleration(found)),
         samples=sum(one.residual.size for one in found.fit.point.residuals.values()),
         runs=[run.health for run in loaded.runs],
         refused=[*data.left_out, *_refused(own), *loaded.unreadable],
-        warnings=[*loaded.warnings, *data.warnings, *own.warnings, *_disagreeing(data, agreement)],
+        warnings=[*loaded.warnings, *data.warnings, *own.warnings, *_disagreeing(data, found, agreement)],
     )
 
 
@@ -221,13 +225,18 @@ def _refused(own: TyreFit) -> list[Refusal]:
     ]
 
 
-def _disagreeing(data: TyreData, agreement: Sequence[float]) -> list[str]:
-    return [
-        f"{run.name}: disagrees with the parameters of all runs together (p = {p:.1g}): another load, "
-        "another vehicle, or something that the model lacks"
-        for run, p in zip(data.runs, agreement, strict=True)
-        if len(agreement) > 1 and p * len(agreement) < DISAGREES
-    ]
+def _disagreeing(data: TyreData, found: KindFit, agreement: Sequence[RunAgreement]) -> list[str]:
+    """Name the runs that differ for certain, and by more than what is of no consequence."""
+    told = []
+    sizes = [found.names.index(name) for name in COMPARED]
+    for run, one in zip(data.runs, agreement, strict=True):
+        shift = float(np.abs(one.shift[sizes]).max())
+        if len(agreement) > 1 and one.p * len(agreement) < DISAGREES and shift > PRACTICAL:
+            told.append(
+                f"{run.name}: alone it would move stiffness or yaw inertia by {100 * shift:.0f} % (p = "
+                f"{one.p:.1g}): another load, another vehicle, or something that the model lacks"
+            )
+    return told
 
 
 def _noise(found: KindFit) -> dict[str, ResidualNoise]:
@@ -244,7 +253,7 @@ def _noise(found: KindFit) -> dict[str, ResidualNoise]:
     return made
 
 
-def _by_run(data: TyreData, found: KindFit, agreement: Sequence[float]) -> list[TyreRun]:
+def _by_run(data: TyreData, found: KindFit, agreement: Sequence[RunAgreement]) -> list[TyreRun]:
     windows, acceleration = found.problem.windows, _acceleration(found)
     lengths = np.diff(windows.offsets)
     of_grid = np.repeat(windows.run, lengths)
@@ -260,7 +269,7 @@ def _by_run(data: TyreData, found: KindFit, agreement: Sequence[float]) -> list[
                 speed=_range(windows.inputs[own, 1]),
                 lateral_acceleration=_range(acceleration[own]),
                 rms=_rms_of_run(found, number),
-                agreement_p=agreement[number] if len(agreement) > 1 else None,
+                agreement_p=agreement[number].p if len(agreement) > 1 else None,
             )
         )
     return made
