@@ -2,6 +2,10 @@
 
 Integration is the classical Runge-Kutta method of order 4 (RK4) on the grid of the log. Derivatives are those
 of what RK4 computes, exact to rounding; there are no finite differences.
+
+One call simulates many segments, each with a start and, where wanted, parameters of its own; it costs
+microseconds beside its steps, so draws and candidates over the same inputs are calls of their own. The
+compiled code releases the interpreter's lock: calls in several threads run side by side.
 """
 
 from __future__ import annotations

@@ -66,7 +66,7 @@ def _generator_version() -> str:
 def cache_folder() -> Path:
     """Where generated modules are kept."""
     told = os.environ.get("IDENT_CACHE")
-    return Path(told) if told else user_cache_path("ident", appauthor=False)
+    return Path(told).absolute() if told else user_cache_path("ident", appauthor=False)
 
 
 @cache
@@ -97,7 +97,19 @@ def _write(folder: Path, text: str) -> None:
     handle, temporary = tempfile.mkstemp(dir=folder, suffix=".tmp")
     with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
         file.write(f"{SEAL}{sha256(text.encode()).hexdigest()}\n{text}")
-    Path(temporary).replace(folder / MODULE)
+    _publish(Path(temporary), folder / MODULE)
+
+
+def _publish(written: Path, target: Path) -> None:
+    """Give a finished file its name; where another process was first, its intact file stays untouched."""
+    try:
+        os.link(written, target)
+    except FileExistsError:
+        if not _intact(target):
+            written.replace(target)
+    except OSError:  # a file system without hard links
+        written.replace(target)
+    written.unlink(missing_ok=True)
 
 
 def _load(folder: Path, key: str) -> ModuleType:

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from vehicle_values import MOUNTED, TILTED, segments, truck
 
-from ident.dynamics.bicycle import bicycle
+from ident.dynamics.bicycle import bicycle, substeps_for
 from ident.dynamics.engine import Engine, compiled
 from ident.dynamics.longitudinal import COMING_TO_REST, driven_bicycle
 
@@ -60,6 +60,20 @@ def test_a_truck_that_rolls_out_comes_to_rest() -> None:
     states, _ = straight(1.0, 60.0, {})
     assert np.all(np.diff(states[:, 0]) <= 0)
     assert 0 <= states[-1, 0] < 1e-9
+
+
+@pytest.mark.parametrize(("road", "creep"), [({}, 1e-6), (TILTED, 0.05)], ids=["level", "bank"])
+def test_a_truck_that_rolls_out_and_is_steered_at_standstill_stays(
+    road: dict[str, float], creep: float
+) -> None:
+    engine, count = made(), 4000
+    inputs = np.stack([0.6 * np.sin(0.02 * np.arange(count)), np.zeros(count), np.zeros(count)], axis=1)
+    values = truck("linear", road) | RESISTANCE
+    steps = np.full(count, 0.02)
+    p, parts = engine.vector(values), substeps_for(values, np.zeros(count), steps)
+    states, _ = engine.simulate([[2.0, 0, 0, 0, 0, 0]], inputs, steps, [0, count], p, substeps=parts)
+    assert np.max(np.abs(states[:100, 0])) > 1.5
+    assert np.max(np.abs(states[-1000:, :3])) < creep
 
 
 def test_rolling_resistance_and_drag_act_against_the_motion_in_reverse() -> None:

@@ -107,6 +107,25 @@ def test_half_written_files_are_replaced(tmp_path: Path, made: Callable[[], bool
     assert made() is False
 
 
+def test_of_two_processes_that_write_at_once_the_first_is_kept(tmp_path: Path) -> None:
+    model_cache._write(tmp_path, TEXT)
+    before = (tmp_path / MODULE).stat()
+    model_cache._write(tmp_path, TEXT)
+    after = (tmp_path / MODULE).stat()
+    assert (after.st_mtime_ns, after.st_ino) == (before.st_mtime_ns, before.st_ino)
+    assert [path.name for path in tmp_path.iterdir()] == [MODULE]
+
+
+def test_a_file_system_without_hard_links_will_do(
+    made: Callable[[], bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError("no hard links here")
+
+    monkeypatch.setattr(os, "link", refuse)
+    assert [made(), made()] == [True, False]
+
+
 def test_a_module_that_somebody_edited_is_not_believed(tmp_path: Path, made: Callable[[], bool]) -> None:
     made()
     (module,) = files(tmp_path, MODULE)
