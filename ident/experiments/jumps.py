@@ -42,6 +42,10 @@ class Jumps:
     largest: float = 0.0
     at: float = 0.0
 
+    def times(self, samples: Array) -> Array:
+        """When something is wrong (k,) [s], rising; ``samples`` (n,) are the stamps of the signal."""
+        return np.sort(np.concatenate([self.cuts.ravel(), samples[self.outlier]]))
+
 
 def heading_jumps(heading: Signal, moving: Mask, yaw_rate: Array | None) -> Jumps:
     """Find jumps of a heading.

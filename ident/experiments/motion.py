@@ -20,9 +20,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ident.experiments.comparison import Finding, refused
 from ident.experiments.motion_inputs import Input, Table, road_wheel_input, speed_input
 from ident.experiments.motion_samples import Reference, measured_signals
-from ident.experiments.plausibility import Finding, check_plausibility, refused
+from ident.experiments.plausibility import check_plausibility
 from ident.results import Refusal
 from ident.signals.signal import Run, Signal
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ident.experiments.held_samples import held, without_held
 from ident.experiments.jumps import Jumps, heading_jumps, position_jumps
+from ident.experiments.plausibility import yaw_rate_is_derived
 from ident.signals.alignment import interpolate, longest_bridge, low_pass
 from ident.signals.signal import Run, Signal
 from ident.vehicle import Vehicle
@@ -21,6 +22,7 @@ MEASURED = ("yaw_rate", "lateral_acceleration", "lateral_velocity", "heading", "
 POSITION = ("position_x", "position_y")
 LARGEST = {"yaw_rate": 3.0, "lateral_acceleration": 30.0, "lateral_velocity": 20.0}
 THIN_ABOVE = 1.5  # times the rate of the grid
+NEAR_JUMP = 0.1  # [s], the derivative is taken over 0.15 s
 MOST_CUT = 0.3  # share of the time that the cuts of one signal may cost
 
 
@@ -83,11 +85,14 @@ def measured_signals(run: Run, wrong: Mapping[str, str], reference: Reference) -
     signals = {name: signal for name, signal in signals.items() if name not in misplaced}
     if "lateral_velocity" in signals:
         signals |= _moved(signals, reference_x, run.vehicle)
+    derived = signals.pop("yaw_rate") if yaw_rate_is_derived(run) and "yaw_rate" in signals else None
     cuts = []
-    for found in (_clean_heading(signals, reference), _clean_position(signals, reference)):
-        told, cut = found
+    for clean in (_clean_heading, _clean_position):
+        told, cut, jumps = clean(signals, reference)
         rejected += told
         cuts.append(cut)
+        if clean is _clean_heading and derived is not None:
+            rejected += _with_derived(signals, derived, jumps)
     thinned = [_thinned(signal, reference.rate, reference.max_gap) for signal in signals.values()]
     return Measured(thinned, np.concatenate(cuts), reference_x, rejected, notes)
 
@@ -108,8 +113,17 @@ def _kept(run: Run, wrong: Mapping[str, str], reference: Reference) -> tuple[dic
             told += [note] if note else []
         signals[name], note = _possible(signal)
         told += [note] if note else []
-    position = _without_held_position(signals, reference)
-    return signals | position, told
+    if not _is_position(signals):
+        lost = [name for name in POSITION if signals.pop(name, None) is not None]
+        told += [f"{name}: left out, x and y of a position need the same stamps" for name in lost]
+        return signals, told
+    return signals | _without_held_position(signals, reference), told
+
+
+def _is_position(signals: Mapping[str, Signal]) -> bool:
+    return all(name in signals for name in POSITION) and np.array_equal(
+        signals[POSITION[0]].time, signals[POSITION[1]].time
+    )
 
 
 def _possible(signal: Signal) -> tuple[Signal, str | None]:
@@ -132,11 +146,7 @@ def _select(signal: Signal, mask: Mask) -> Signal:
 
 def _without_held_position(signals: Mapping[str, Signal], reference: Reference) -> dict[str, Signal]:
     """A position is held where both parts are."""
-    if not all(name in signals for name in POSITION):
-        return {}
     x, y = (signals[name] for name in POSITION)
-    if not np.array_equal(x.time, y.time):
-        return {name: without_held(signals[name], rest_counts=True)[0] for name in POSITION}
     moving = reference.moving(x.time)
     together = held(x.values, moving) | held(y.values, moving)
     drop = together & (np.diff(x.values, prepend=np.nan) == 0) & (np.diff(y.values, prepend=np.nan) == 0)
@@ -181,24 +191,40 @@ def _moved(signals: Mapping[str, Signal], reference_x: float, vehicle: Vehicle |
 # --- jumps ----------------------------------------------------------------------------------------
 
 
-def _clean_heading(signals: dict[str, Signal], reference: Reference) -> tuple[list[str], Array]:
-    """Take outliers out of the heading, or the whole of it; return what is told, and the cuts."""
+Cleaned = tuple[list[str], Array, Array]  # what is told, the cuts (n, 2) [s], when there are jumps (m,) [s]
+NOTHING: Cleaned = ([], np.empty((0, 2)), np.empty(0))
+
+
+def _clean_heading(signals: dict[str, Signal], reference: Reference) -> Cleaned:
+    """Take outliers out of the heading, or the whole of it."""
     heading = signals.get("heading")
     if heading is None or len(heading.time) < 3:
-        return [], np.empty((0, 2))
+        return NOTHING
     turning = _turning(signals, heading.time, reference)
     found = heading_jumps(heading, reference.moving(heading.time), turning)
-    return _apply(signals, ("heading",), found, reference)
+    return (*_apply(signals, ("heading",), found, reference), found.times(heading.time))
 
 
-def _clean_position(signals: dict[str, Signal], reference: Reference) -> tuple[list[str], Array]:
-    if not all(name in signals for name in POSITION):
-        return [], np.empty((0, 2))
+def _clean_position(signals: dict[str, Signal], reference: Reference) -> Cleaned:
+    """Take outliers out of the position, or the whole of it."""
+    if POSITION[0] not in signals or len(signals[POSITION[0]].time) < 3:
+        return NOTHING
     x, y = (signals[name] for name in POSITION)
-    if len(x.time) < 3 or not np.array_equal(x.time, y.time):
-        return [], np.empty((0, 2))
     found = position_jumps(x, y.values, reference.moving(x.time), _velocity(signals, x.time, reference))
-    return _apply(signals, POSITION, found, reference)
+    return (*_apply(signals, POSITION, found, reference), found.times(x.time))
+
+
+def _with_derived(signals: dict[str, Signal], rate: Signal, jumps: Array) -> list[str]:
+    """Use a yaw rate that is the derivative of the heading only where the heading itself is not compared.
+
+    Both together would count the same samples twice. Near a jump of the heading it is no rate.
+    """
+    if "heading" in signals:
+        return ["yaw_rate: not compared, it is the derivative of the heading, which is"]
+    after = np.searchsorted(jumps, rate.time - NEAR_JUMP)
+    before = np.searchsorted(jumps, rate.time + NEAR_JUMP)
+    signals["yaw_rate"] = _select(rate, before == after)
+    return [f"yaw_rate: {np.count_nonzero(before != after)} samples near jumps of the heading left out"]
 
 
 def _turning(signals: Mapping[str, Signal], times: Array, reference: Reference) -> Array | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from motion_runs import at_times, changed, truck_run, with_signals
+from motion_runs import at_times, changed, derived_yaw_rate, truck_run, with_signals
 
 from ident.experiments.motion import MotionRun, MotionSettings, motion_run, motion_runs
 from ident.signals.run import load_runs
@@ -238,6 +238,33 @@ def test_a_signal_in_raw_counts_is_refused() -> None:
     wheel = replace(run.signals["steering_wheel_angle"], raw=True)
     told = motion_run(with_signals(run, steering_wheel_angle=wheel))
     assert told == "steering_wheel_angle is a raw count: give its unit in channels.yaml"
+
+
+def test_a_heading_and_its_derivative_are_not_both_compared() -> None:
+    found = windows_of(derived_yaw_rate(truck_run()))
+    assert all(set(window.measurements) == SIGNALS - {"yaw_rate"} for window in found.windows)
+    assert found.rejected == ["yaw_rate: not compared, it is the derivative of the heading, which is"]
+
+
+def test_a_derivative_of_a_heading_that_jumps_all_the_time_is_used_between_the_jumps() -> None:
+    def jumping(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+        return values + 0.1 * (np.arange(time.size) // 50 % 2)
+
+    found = windows_of(derived_yaw_rate(changed(truck_run(), heading=jumping)))
+    assert all("heading" not in window.measurements for window in found.windows)
+    true = truck_run(noisy=False).signals["yaw_rate"]
+    parts = [window.measurements["yaw_rate"] for window in found.windows]
+    errors = np.concatenate([p.values - np.interp(p.times, true.time, true.values) for p in parts])
+    assert np.abs(errors).max() < 0.05  # a jump of 0.1 rad in 0.15 s would be 1 rad/s
+    assert errors.size > 1800
+
+
+def test_half_a_position_is_none() -> None:
+    run = truck_run()
+    raw = replace(run.signals["position_y"], raw=True)
+    found = windows_of(with_signals(run, position_y=raw))
+    assert {"position_x", "position_y"}.isdisjoint(found.windows[0].measurements)
+    assert "position_x: left out, x and y of a position need the same stamps" in found.rejected
 
 
 def test_what_a_run_lacks_is_told_and_the_others_are_used() -> None:

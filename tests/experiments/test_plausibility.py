@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_runs import changed, truck_run, with_signals
+from motion_runs import changed, derived_yaw_rate, truck_run, with_signals
 
+from ident.experiments.comparison import Finding, refused
 from ident.experiments.motion import MotionRun, MotionSettings, motion_run
 from ident.experiments.motion_inputs import road_wheel_input, speed_input
-from ident.experiments.plausibility import Finding, check_plausibility, refused
+from ident.experiments.plausibility import check_plausibility
 from ident.results import Estimate, Latency
 from ident.signals.signal import Run, Signal
 
@@ -112,6 +113,14 @@ def test_two_signals_that_contradict_each_other_alone_are_both_refused() -> None
     found = refused(findings_of(run))
     assert set(found) == {"road_wheel_angle", "yaw_rate"}
     assert "of road_wheel_angle or yaw_rate in channels.yaml" in found["yaw_rate"]
+
+
+def test_a_derived_yaw_rate_is_no_witness_for_its_heading() -> None:
+    others = dict.fromkeys(("position_x", "position_y", "lateral_velocity"))
+    turned = with_signals(changed(truck_run(), heading=times(-1)), **others)
+    found = refused(findings_of(derived_yaw_rate(turned)))
+    assert set(found) == {"heading", "yaw_rate"}
+    assert "heading disagrees with road_wheel_angle, lateral_acceleration" in found["heading"]
 
 
 def test_without_a_wheelbase_signs_and_large_factors_are_still_found() -> None:

@@ -12,6 +12,8 @@ from truck_runs import run_of, vehicle_of
 from ident.estimation.tyre_fit import Body
 from ident.estimation.vehicle_records import MotionRecord, Samples
 from ident.experiments.motion import MotionRun, MotionSettings, motion_run
+from ident.signals.derivative import slope
+from ident.signals.health import signal_health
 from ident.signals.signal import Run, Signal
 
 TRUTH = load_truth().planar
@@ -41,6 +43,15 @@ def changed(run: Run, **changes: Change) -> Run:
         for name, change in changes.items()
     }
     return with_signals(run, **made)
+
+
+def derived_yaw_rate(run: Run) -> Run:
+    """The run with a yaw rate that is the derivative of its heading, as a channel map may say."""
+    heading = run.signals["heading"]
+    time, values = slope(heading.time, heading.values)
+    health = signal_health("yaw_rate", "rad/s", "derivative of heading", values, 0)
+    made = with_signals(run, yaw_rate=Signal("yaw_rate", time, values, "rad/s"))
+    return replace(made, health=replace(made.health, signals={**made.health.signals, "yaw_rate": health}))
 
 
 def at_times(signal: Signal, keep: np.ndarray) -> Signal:
