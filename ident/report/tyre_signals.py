@@ -100,12 +100,15 @@ def poses(rows: pd.DataFrame) -> dict[str, Poses]:
     """Give where the truck was measured ("measured") and simulated ("modelled"), each where it is known.
 
     Both are counted from the first place measured, or simulated where none is: positions on a map are
-    millions of metres, more than a viewer can draw to the decimetre.
+    millions of metres, more than a viewer can draw to the decimetre. Where no position was measured nothing
+    tells where a window begins: each is put to the end of the one before.
     """
     ways = {"measured": "", "modelled": "_model"}
     found = {way: pose for way, ending in ways.items() if (pose := _poses(rows, ending)).time.size}
     if not found:
         return {}
+    if "measured" not in found:
+        found = {way: _joined(pose) for way, pose in found.items()}
     first = next(iter(found.values()))
     x, y = first.x[0], first.y[0]
     return {way: pose._replace(x=pose.x - x, y=pose.y - y) for way, pose in found.items()}
@@ -124,3 +127,16 @@ def _poses(rows: pd.DataFrame, ending: str) -> Poses:
             return Poses(time, x, y, heading, window)
     course = np.arctan2(np.gradient(y), np.gradient(x)) if time.size > 1 else np.zeros(time.size)
     return Poses(time, x, y, course, window)
+
+
+def _joined(pose: Poses) -> Poses:
+    """Put each window to the end of the one before."""
+    begins = np.flatnonzero(np.diff(pose.window) != 0) + 1
+    x, y = (_without_jumps(values, begins) for values in (pose.x, pose.y))
+    return pose._replace(x=x, y=y)
+
+
+def _without_jumps(values: Array, begins: NDArray[np.int_]) -> Array:
+    jumps = np.zeros(values.size)
+    jumps[begins] = values[begins] - values[begins - 1]
+    return np.asarray(values - np.cumsum(jumps))

@@ -188,6 +188,21 @@ def test_the_truck_stands_at_its_first_known_place_until_then(tyres_case, tmp_pa
     assert place[0].tolist() == [0.0, 0.0, 0.0]
 
 
+def test_windows_are_joined_where_no_position_tells_where_they_begin(tyres_case, tmp_path):
+    result, tables = tyres_case
+    run = tyre_case.RUNS[0]
+    table = tables["tyres"].copy()
+    begins = table.groupby(["run", "window"])["position_x_model"].transform("first")
+    table = table.assign(
+        position_x=np.nan, position_y=np.nan, position_x_model=table["position_x_model"] - begins
+    )
+    write(tmp_path / "a.rrd", recording.tyres_part(result, {"tyres": table}))
+    time, place, _ = moved(tmp_path / "a.rrd", f"{recording.origin('tyres', run)}/truck/modelled")
+    steps = np.diff(place[:, 0]) / np.diff(time)
+    assert steps.min() > 2.0
+    assert steps.max() < 11.0
+
+
 def test_the_simulated_truck_is_counted_from_the_same_place(driven, tyres_case):
     run = tyre_case.RUNS[0]
     rows = tyres_case[1]["tyres"].query("run == @run")
