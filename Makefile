@@ -37,7 +37,7 @@ study: $(VENV)/dev.stamp
 	$(BIN)/python studies/steering_coverage.py --seeds 200 --jobs 2
 	$(BIN)/python studies/steering_efficiency.py --sets 1000 --jobs 2
 	$(BIN)/python studies/tyre_bound.py
-	$(BIN)/python studies/tyre_inputs.py --jobs 2
+	$(BIN)/python studies/tyre_inputs.py --whole --jobs 2
 	$(BIN)/python studies/tyre_coverage.py --seeds 500 --jobs 2
 
 bench: $(VENV)/dev.stamp

@@ -9,7 +9,8 @@ best: with all parameters free, with some of them known, and with weak beliefs a
 Derivatives are central differences of the generator's own outputs (yaw rate, lateral acceleration at the
 inertial unit, lateral velocity, heading and position of the rear axle), and the noise is what the generator
 adds, with its exact autocovariance on the sample index. Unknown beside the tyres: an offset of the steering,
-in each run a bias of yaw rate, lateral acceleration and heading, and the state at the start of every window.
+in each run a bias of yaw rate, lateral acceleration, lateral velocity and heading, and the state at the start
+of every window.
 Steering and speed count as known, which the fit does not have: it sees them through sensors, so it can only
 do worse (``tyre_inputs.py`` says by how much). Nothing of ``ident`` takes part.
 """
@@ -41,7 +42,7 @@ Array = NDArray[np.float64]
 TYRE = ("stiffness", "shape", "peak", "curvature")
 PARAMETERS = (*(f"front.{name}" for name in TYRE), *(f"rear.{name}" for name in TYRE), "yaw_inertia")
 OUTPUTS = ("yaw_rate", "lateral_acceleration", "lateral_velocity", "heading", "position_x", "position_y")
-BIASED = ("yaw_rate", "lateral_acceleration", "heading")
+BIASED = ("yaw_rate", "lateral_acceleration", "lateral_velocity", "heading")
 COMMON = (*PARAMETERS, "steering_offset")
 OF_RUN = tuple(f"bias.{name}" for name in BIASED)
 RELATIVE_STEP = 1e-4
@@ -286,11 +287,16 @@ CASES: dict[str, tuple[tuple[str, ...], dict[str, float]]] = {
 
 def fit_bound(info: Array, truck: Planar) -> dict[str, float]:
     """Smallest standard deviations of what the fit tells, by the fit's names, with its beliefs."""
-    inverse, names = covariance(info, (), BELIEFS)
+    return by_fit_name(*covariance(info, (), BELIEFS), truck)
+
+
+def by_fit_name(inverse: Array, names: Sequence[str], truck: Planar) -> dict[str, float]:
+    """Standard deviations of what the fit tells, by the fit's names, from a covariance."""
     stds = dict(zip(names, np.sqrt(np.diag(inverse)), strict=True))
     made = {name: stds[name] for name in (*SHAPES, *CURVATURES, "yaw_inertia")}
     peaks = {f"{axle}.peak_force": stds[f"{axle}.peak"] for axle in ("front", "rear")}
-    return {**made, **peaks, **derived_std(truck, inverse, names)}
+    both = {**made, **peaks, **derived_std(truck, inverse, names)}
+    return {name: float(std) for name, std in both.items()}
 
 
 def table(info: Array, truck: Planar) -> str:
