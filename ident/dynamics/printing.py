@@ -8,6 +8,7 @@ from sympy import Basic, Expr, Piecewise, Pow, Rational, Symbol
 from sympy.printing.pycode import PythonCodePrinter
 
 LARGEST_PRODUCT = 4  # powers up to this are written as products
+FUNCTIONS = ("sin", "cos", "tan", "asin", "acos", "atan", "exp", "log")  # named alike by math and NumPy
 
 
 class ScalarPrinter(PythonCodePrinter):  # type: ignore[misc]
@@ -18,12 +19,7 @@ class ScalarPrinter(PythonCodePrinter):  # type: ignore[misc]
     def __init__(self, names: Mapping[Symbol, str]) -> None:
         super().__init__({"fully_qualified_modules": True, "strict": True})
         self._names = names
-        self.known_functions = {name: f"{self.module}.{name}" for name in ("sin", "cos", "tan", "exp")}
-        inverse = "" if self.module == "math" else "arc"
-        self.known_functions |= {
-            name: f"{self.module}.{inverse + name[1:] if inverse else name}" for name in ("atan", "asin")
-        }
-        self.known_functions |= {"log": f"{self.module}.log"}
+        self.known_functions = {name: f"{self.module}.{name}" for name in FUNCTIONS}
 
     def _print_Symbol(self, expr: Symbol) -> str:  # noqa: N802 - SymPy's way of naming
         return self._names.get(expr, expr.name)

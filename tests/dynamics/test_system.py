@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 import sympy
 from vehicle_values import KINDS
@@ -14,6 +16,8 @@ from ident.dynamics.code import module_text
 from ident.dynamics.derivation import derive
 from ident.dynamics.kinematic import kinematic
 from ident.dynamics.longitudinal import driven_bicycle
+from ident.dynamics.printing import ArrayPrinter, ScalarPrinter
+from ident.dynamics.symbols import choose
 from ident.dynamics.system import System, symbol
 
 MODELS: dict[str, Callable[[], System]] = {
@@ -82,3 +86,19 @@ def test_the_fingerprint_tells_models_apart_and_is_the_same_for_the_same() -> No
 
     assert model(2).fingerprint == model(2).fingerprint
     assert len({model(2).fingerprint, model(3).fingerprint, model(2, "q").fingerprint}) == 3
+
+
+def test_numbers_and_arrays_are_printed_alike() -> None:
+    x = symbol("x")
+    third, half = sympy.Rational(1, 3), sympy.Rational(1, 2)
+    expression = (
+        sympy.log(sympy.exp(x**2 * third)) + sympy.acos(x / 3) * sympy.asin(x / 3) - sympy.sqrt(x) ** 3
+    )
+    expression += (
+        choose((x**-3, (x > 1) & (x < 2)), (x**7, sympy.Not(x < 0) | (x > 5)), otherwise=-2) * x**half
+    )
+    points = np.array([0.3, 1.5, 2.5])
+    text = {printer: printer({x: "x"}).doprint(expression) for printer in (ScalarPrinter, ArrayPrinter)}
+    numbers = [eval(text[ScalarPrinter], {"math": math, "x": float(point)}) for point in points]
+    assert numbers == pytest.approx([float(expression.subs(x, point)) for point in points], rel=1e-13)
+    assert eval(text[ArrayPrinter], {"np": np, "x": points}) == pytest.approx(numbers, rel=1e-13)
