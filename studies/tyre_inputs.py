@@ -13,7 +13,7 @@ covariance R of e and Q of w (10 s windows, dense matrices), three standard devi
 * by signal: the weights are the inverse of R + G Q G' without what it holds between signals; what a fit can
   do that learns the noise of each signal from its own residuals.
 
-With ``--whole`` also the least for runs that are not cut. Both, with what the fit believes beforehand, are kept
+With ``--whole`` also the least for runs that are not cut. Both, with what the fit believes beforehand, stay
 in studies/results/tyre_bound.json, which ``tyre_coverage.py`` holds the fit against.
 
 G is made by simulating the generator again with each input sample moved, one at a time. Correlation of the
