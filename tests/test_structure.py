@@ -55,7 +55,7 @@ LONGEST_BODY = 50
 def layer_of(path: Path) -> str:
     inside = path.relative_to(PACKAGE)
     if len(inside.parts) > 1:
-        return inside.parts[0]
+        return "base" if inside.parts[0] in BASE else inside.parts[0]
     return "package" if path.stem == "__init__" else "base"
 
 

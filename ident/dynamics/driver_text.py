@@ -70,6 +70,9 @@ def simulate(starts, inputs, steps, offsets, parameters, runs, substeps, states,
 
 SENSITIVITIES = '''RATE_PLACES = np.array({rate_places}, dtype=np.int64)
 OUTPUT_PLACES = np.array({output_places}, dtype=np.int64)
+OUTPUT_INPUT_PLACES = np.array({output_input_places}, dtype=np.int64)
+OUTPUT_BEGINS = np.array({output_begins}, dtype=np.int64)
+OUTPUT_STATES = np.array({output_states}, dtype=np.int64)
 
 
 @njit(
@@ -108,7 +111,24 @@ def sensitivities(
                 states[at, i] = x[i]
             for o in range({ny}):
                 measured[at, o] = y[o]
-{output_derivatives}
+            for o in range({ny}):
+                row = rows[o]
+                if row < 0:
+                    continue
+                for c in range(columns):
+                    derivatives[row, at, c] = 0.0
+                for e in range(OUTPUT_BEGINS[o], OUTPUT_BEGINS[o + 1]):
+                    w = jy[OUTPUT_STATES[e, 0]]
+                    first = OUTPUT_STATES[e, 1] * {stride}
+                    for c in range(columns):
+                        derivatives[row, at, c] += w * s[first + c]
+                for a in range(active.size):
+                    derivatives[row, at, {nx} + a] += jy[OUTPUT_PLACES[o, active[a]]]
+                if chained:
+                    for m in range({nu}):
+                        w = jy[OUTPUT_INPUT_PLACES[o, m]]
+                        for a in range(active.size):
+                            derivatives[row, at, {nx} + a] += w * chain[at, m, a]
             if at + 1 == offsets[segment + 1]:
                 break
             count = substeps[at]
@@ -170,7 +190,7 @@ def sensitivities(system: System, derived: Derived) -> str:
         gathered=max(1, len(driven)) * stride,
         rate_places=_places(rates, nx, count),
         output_places=_places(outputs, len(system.outputs), count),
-        output_derivatives=_output_derivatives(system, outputs, stride),
+        **_output_tables(outputs, len(system.outputs), len(system.inputs)),
         gather=_gather(nx, driven, stride),
         chain=_chain(rates, nx, driven, stride),
         columns=_columns(rates, nx, driven, stride),
@@ -184,6 +204,20 @@ def _places(block: Block, rows: int, columns: int) -> list[list[int]]:
     """
     zero = len(block.jacobian)
     return [[block.entries["p"].get((i, j), zero) for j in range(columns + 1)] for i in range(rows)]
+
+
+def _output_tables(outputs: Block, rows: int, inputs: int) -> dict[str, object]:
+    """Where in the flat Jacobian of the outputs each entry to a state (place, state) and to an input is."""
+    zero = len(outputs.jacobian)
+    by_row = sorted((row, place, state) for (row, state), place in outputs.entries["x"].items())
+    begins = [sum(row < o for row, _, _ in by_row) for o in range(rows + 1)]
+    return {
+        "output_begins": begins,
+        "output_states": [[place, state] for _, place, state in by_row] or [[zero, 0]],
+        "output_input_places": [
+            [outputs.entries["u"].get((o, m), zero) for m in range(max(inputs, 1))] for o in range(rows)
+        ],
+    }
 
 
 def _gather(nx: int, driven: list[int], stride: int) -> str:
@@ -231,30 +265,6 @@ def _columns(rates: Block, nx: int, driven: list[int], stride: int) -> str:
         f"s[{i * stride} + c] = s{i} + h / 6.0 * (k0{i} + 2.0 * (k1{i} + k2{i}) + k3{i})" for i in range(nx)
     ]
     return _indented(lines, 5)
-
-
-def _output_derivatives(system: System, outputs: Block, stride: int) -> str:
-    """Derivatives of the outputs: ∂h/∂x S + ∂h/∂p + ∂h/∂u du/dθ."""
-    nx = len(system.states)
-    lines = []
-    for o in range(len(system.outputs)):
-        terms = [
-            f"jy[{place}] * s[{column * stride} + c]"
-            for (row, column), place in outputs.entries["x"].items()
-            if row == o
-        ]
-        fed = [(column, place) for (row, column), place in outputs.entries["u"].items() if row == o]
-        direct = any(row == o for row, _ in outputs.entries["p"])
-        lines += [f"row = rows[{o}]", "if row >= 0:", "    for c in range(columns):"]
-        lines.append(f"        derivatives[row, at, c] = {' + '.join(terms) or '0.0'}")
-        if direct:
-            lines.append("    for a in range(active.size):")
-            lines.append(f"        derivatives[row, at, {nx} + a] += jy[OUTPUT_PLACES[{o}, active[a]]]")
-        if fed:
-            passed = " + ".join(f"jy[{place}] * chain[at, {column}, a]" for column, place in fed)
-            lines += ["    if chained:", "        for a in range(active.size):"]
-            lines.append(f"            derivatives[row, at, {nx} + a] += {passed}")
-    return _indented(lines, 3)
 
 
 def _indented(lines: list[str], depth: int) -> str:

@@ -41,6 +41,8 @@ STEERING_OFFSET = 0.03  # [rad] standard deviation of the prior
 BANK = {"bank_cos": 0.05, "bank_sin": 0.05}
 BANK_CALLED_FOR = 1e-4  # p-value below which the bank joins the model
 
+USUAL_INERTIA, STATED_INERTIA = 0.5, 0.2  # priors of the logarithm: of m l_f l_r; of a stated value
+FARTHEST = 10.0  # times, from the prior
 FRICTION = 0.8  # [-] prior of peak force over load, and of its logarithm's standard deviation
 PRIORS: dict[str, tuple[float, float]] = {
     "peak_force": (np.nan, 0.7),
@@ -172,12 +174,19 @@ def _problem(
 def coordinates_of(kind: str, body: Body) -> list[Coordinate]:
     """What is fitted: both axles, the yaw inertia, the offset of the steering."""
     made = [_of_axle(axle, name, body) for axle in AXLES for name in TYRES[kind].names]
-    inertia = Coordinate("yaw_inertia", low=np.log(1.0), high=np.log(1e9))
-    if body.yaw_inertia is not None and "yaw_inertia" in body.std:
-        relative = body.std["yaw_inertia"] / body.yaw_inertia
-        inertia = replace(inertia, prior_mean=float(np.log(body.yaw_inertia)), prior_std=relative)
     offset = Coordinate("steering_offset", logarithmic=False, prior_std=STEERING_OFFSET)
-    return [*made, inertia, offset]
+    return [*made, _inertia(body), offset]
+
+
+def _inertia(body: Body) -> Coordinate:
+    """Yaw inertia, near what the vehicle file says, else near m l_f l_r, unless the data tell it."""
+    value, std = body.mass * body.cg_to_front_axle * body.cg_to_rear_axle, USUAL_INERTIA
+    if body.yaw_inertia is not None:
+        value, std = body.yaw_inertia, STATED_INERTIA
+        if "yaw_inertia" in body.std:
+            std = body.std["yaw_inertia"] / value
+    low, high = float(np.log(value / FARTHEST)), float(np.log(value * FARTHEST))
+    return Coordinate("yaw_inertia", True, low, high, float(np.log(value)), std)
 
 
 def _of_axle(axle: str, name: str, body: Body) -> Coordinate:

@@ -6,8 +6,11 @@ the model lacks, and a noise model that took it up would make the fit follow the
 alone.
 
 The covariance is that of the Cramér-Rao bound where the whitened residuals are white over long times too.
-Where they are not, it is the sandwich of Newey and West (1987, doi:10.2307/1913610): the scores of the shared
-parameters, gathered in bins of time over all signals, with Bartlett weights over several seconds.
+Where they are not, the model is wrong, and a likelihood that takes its errors for noise follows the fast part
+of the signals, which says little. Then the fit is least squares, each signal weighed by the size of what is
+left of it: the best simulation over windows that the model can give. Its covariance is the sandwich of Newey
+and West (1987, doi:10.2307/1913610): the scores of the shared parameters, gathered in bins of time over all
+signals, with Bartlett weights over several seconds.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ from ident.estimation.noise_fit import fit_autoregression
 from ident.estimation.vehicle_problem import (
     STEERING_RATIO,
     Coordinate,
+    Residuals,
     VehiclePoint,
     VehicleProblem,
     white_noise,
@@ -44,6 +48,8 @@ LONGEST_LAG = 3.0  # [s] of the scores' correlation
 TOLD = 0.99  # of the information on a direction: it comes from the data
 LEAST_SHARE = 1e-3  # of the information on a direction, that a run must have for it to be compared
 SETTLED = 1e-3
+SAME_WEIGHTS = 0.02
+TINY = 1e-300
 NEGLIGIBLE = 1e-2  # gain of 2 log likelihood that is no gain: a tenth of a standard deviation
 QUIET = 1e-9  # least size of a noise over the size of its signal
 
@@ -59,7 +65,7 @@ class VehicleFit:
     information : (s, s) inverse of the Cramér-Rao bound of the coordinates
     coloured : compared signal -> p-value of the hypothesis that its whitened residual is white over BLOCK
     capped : signals whose noise would have been correlated for longer than LONGEST_NOISE
-    log_likelihood : of the residuals, the noise as identified
+    log_likelihood : of the residuals of the maximum likelihood, the noise as identified
     converged : whether the last iterations met their tolerance
     """
 
@@ -120,7 +126,32 @@ def fit_vehicle(
         point = replace(point, noise=renewed)
         if settled:
             break
-    return _fit(point, capped, converged=converged)
+    fit = _fit(point, capped, converged=converged)
+    return _least_squares(fit, floor or {}) if fit.is_coloured and noise is None else fit
+
+
+def _least_squares(fit: VehicleFit, floor: Mapping[str, float]) -> VehicleFit:
+    """Go on from the maximum likelihood to the least squares, weighed by the size of what is left."""
+    point, converged = fit.point, False
+    for _ in range(NOISE_ROUNDS):
+        noise = {name: white_noise(_size(one, floor.get(name, 0.0))) for name, one in point.residuals.items()}
+        settled = all(abs(noise[name].std / point.noise[name].std - 1) < SAME_WEIGHTS for name in noise)
+        if settled and converged:
+            break
+        point, _, converged = minimise(replace(point, noise=noise), negligible=NEGLIGIBLE)
+    made = _fit(point, fit.capped, converged=converged)
+    return replace(
+        made,
+        covariance=_sandwich(point, made.information),
+        coloured=fit.coloured,
+        log_likelihood=fit.log_likelihood,
+    )
+
+
+def _size(one: Residuals, least: float) -> float:
+    """Root mean square of a residual, kept from zero."""
+    nothing = QUIET * float(np.abs(one.samples.values).max(initial=0.0))
+    return max(float(np.sqrt(np.mean(one.residual**2))), least, nothing, TINY)
 
 
 def _best(
@@ -151,7 +182,7 @@ def _rough_noise(point: VehiclePoint) -> dict[str, NoiseModel]:
     for name, one in point.residuals.items():
         left = [eliminate(_rows(part), part.local.shape[1]).rows[:, -1] for part in point.linearised(name)]
         size = float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
-        made[name] = white_noise(max(size, QUIET * float(np.abs(one.samples.values).max()), 1e-300))
+        made[name] = white_noise(max(size, QUIET * float(np.abs(one.samples.values).max()), TINY))
     return made
 
 
@@ -171,7 +202,7 @@ def identify_noise(
         if shape.correlation_samples() * one.samples.period > LONGEST_NOISE:
             shape = _shortened(shape, one.samples.period)
             capped.add(name)
-        least = max(floor.get(name, 0.0), QUIET * float(np.abs(one.samples.values).max()), 1e-300)
+        least = max(floor.get(name, 0.0), QUIET * float(np.abs(one.samples.values).max()), TINY)
         std = max(_innovation_std(parts, shape), least / shape.total_over_innovations())
         made[name] = NoiseModel(shape, std)
     return made, frozenset(capped)
@@ -210,10 +241,14 @@ def _fit(point: VehiclePoint, capped: frozenset[str], *, converged: bool) -> Veh
         log_likelihood=_log_likelihood(point),
         converged=converged,
     )
-    if not fit.is_coloured:
-        return fit
+    return replace(fit, covariance=_sandwich(point, fit.information)) if fit.is_coloured else fit
+
+
+def _sandwich(point: VehiclePoint, information: Array) -> Array:
+    """Covariance from the scores as they are; the prior counts as it is."""
+    bread = np.linalg.inv(information)
     prior = np.diag(1 / point.problem.prior_std**2)
-    return replace(fit, covariance=bread @ (scatter(point) + prior) @ bread)
+    return np.asarray(bread @ (scatter(point) + prior) @ bread)
 
 
 def _slow_colour(point: VehiclePoint, name: str) -> float:

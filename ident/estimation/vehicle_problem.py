@@ -341,17 +341,20 @@ class VehiclePoint:
     @cached_property
     def residuals(self) -> dict[str, Residuals]:
         """Of every compared signal."""
-        return self.problem.residuals(self.shared, self.of_runs, self.local)
+        with np.errstate(all="ignore"):  # a model that blows up is found by its value
+            return self.problem.residuals(self.shared, self.of_runs, self.local)
 
     @cached_property
     def white(self) -> dict[str, Array]:
         """Columns and residual of every signal, whitened, in units of the innovations."""
-        return {name: whitened(one, self.noise[name]) for name, one in self.residuals.items()}
+        with np.errstate(all="ignore"):
+            return {name: whitened(one, self.noise[name]) for name, one in self.residuals.items()}
 
     @cached_property
     def value(self) -> float:
         """Whitened sum of squares and of the prior terms; infinite where the model has blown up."""
-        total = sum(float(white[:, -1] @ white[:, -1]) for white in self.white.values())
+        with np.errstate(all="ignore"):
+            total = sum(float(white[:, -1] @ white[:, -1]) for white in self.white.values())
         total += float(np.square(self.of_runs / self.problem.run_std).sum())
         total += float(np.square(self._from_prior / self.problem.prior_std).sum())
         return total if np.isfinite(total) else np.inf

@@ -15,7 +15,7 @@ from ident.errors import UsageError
 from ident.pipeline.options import RunOptions
 from ident.stages.inputs import InputSettings
 from ident.stages.steering import SteeringSettings
-from ident.stages.tyres import TyresSettings
+from ident.stages.tyre_settings import TyresSettings
 from ident.yaml_file import check, read_yaml
 
 

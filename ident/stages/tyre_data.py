@@ -204,5 +204,8 @@ def _floor(runs: Sequence[Run]) -> dict[str, float]:
 
 def _told(runs: Sequence[MotionRun]) -> list[str]:
     return [f"{run.name}: {one}" for run in runs for one in (*run.rejected, *run.notes)] + [
-        f"{run.name}: {finding.text}" for run in runs for finding in run.findings if finding.verdict != "fine"
+        f"{run.name}: {finding.text}"
+        for run in runs
+        for finding in run.findings
+        if finding.verdict == "warning"
     ]

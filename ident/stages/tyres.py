@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Annotated, Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
 
 from ident.errors import NotIdentifiable
 from ident.estimation.noise import AutoRegression
@@ -33,10 +32,11 @@ from ident.results import (
     TyresResult,
 )
 from ident.signals.run import LoadedLogs
-from ident.stages.inputs import InputSettings, load, provenance, quantity
+from ident.stages.inputs import InputSettings, load, provenance
 from ident.stages.output import Context, StageOutput
 from ident.stages.tyre_data import GIVEN, TyreData, fixed_values, tyre_data
 from ident.stages.tyre_nuisance import nuisance
+from ident.stages.tyre_settings import TyresSettings
 from ident.stages.tyre_tables import tyre_tables
 
 Array = NDArray[np.float64]
@@ -60,21 +60,6 @@ UNITS = {
 DISAGREES = 1e-3
 PRACTICAL = 0.03  # relative
 COMPARED = ("front.cornering_stiffness", "rear.cornering_stiffness", "yaw_inertia")
-
-
-class TyresSettings(BaseModel):
-    """Settings of this stage.
-
-    kinds : of tyres, all that there are unless said
-    runs : globs of the runs to be used, all unless said
-    least_speed : below which nothing is used [m/s]
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    kinds: Annotated[list[TyreKind], Field(min_length=1)] = list(get_args(TyreKind))
-    runs: list[str] | None = None
-    least_speed: Annotated[float, quantity("m/s", positive=True)] = 3.0
 
 
 def tyres(
@@ -269,6 +254,7 @@ def _by_run(data: TyreData, found: KindFit, agreement: Sequence[RunAgreement]) -
                 speed=_range(windows.inputs[own, 1]),
                 lateral_acceleration=_range(acceleration[own]),
                 rms=_rms_of_run(found, number),
+                reference_x=run.reference_x,
                 agreement_p=agreement[number].p if len(agreement) > 1 else None,
             )
         )

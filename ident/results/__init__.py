@@ -1,0 +1,91 @@
+"""What the stages return and what is written as JSON: frozen dataclasses of plain numbers.
+
+SI units (rad, rad/s); what is missing is ``None``; NaN never appears. Each class is turned into a JSON
+Schema, and each output is validated against it.
+"""
+
+from ident.results.common import (
+    SCHEMA_VERSION,
+    Estimate,
+    LogFile,
+    Provenance,
+    Refusal,
+    Status,
+)
+from ident.results.logs import (
+    Damage,
+    Gap,
+    InfoResult,
+    Latency,
+    RunHealth,
+    SignalHealth,
+    TopicHealth,
+)
+from ident.results.steering import (
+    AmplitudeFit,
+    Bandwidth,
+    Classification,
+    Cutoff,
+    Experiment,
+    ExperimentKind,
+    FrequencyCurve,
+    FrequencyPoint,
+    Noise,
+    Pair,
+    RunFit,
+    SteeringModel,
+    SteeringResult,
+    StepFit,
+    StepMethod,
+)
+from ident.results.tyres import (
+    AxleCurve,
+    EffectEstimate,
+    FixedValue,
+    ForceComparison,
+    ResidualNoise,
+    TyreFit,
+    TyreKind,
+    TyreRun,
+    TyresResult,
+)
+
+__all__ = [
+    "SCHEMA_VERSION",
+    "AmplitudeFit",
+    "AxleCurve",
+    "Bandwidth",
+    "Classification",
+    "Cutoff",
+    "Damage",
+    "EffectEstimate",
+    "Estimate",
+    "Experiment",
+    "ExperimentKind",
+    "FixedValue",
+    "ForceComparison",
+    "FrequencyCurve",
+    "FrequencyPoint",
+    "Gap",
+    "InfoResult",
+    "Latency",
+    "LogFile",
+    "Noise",
+    "Pair",
+    "Provenance",
+    "Refusal",
+    "ResidualNoise",
+    "RunFit",
+    "RunHealth",
+    "SignalHealth",
+    "Status",
+    "SteeringModel",
+    "SteeringResult",
+    "StepFit",
+    "StepMethod",
+    "TopicHealth",
+    "TyreFit",
+    "TyreKind",
+    "TyreRun",
+    "TyresResult",
+]

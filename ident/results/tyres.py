@@ -1,0 +1,172 @@
+"""Results of ``ident tyres``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from ident.results.common import Estimate, Provenance, Refusal
+from ident.results.logs import RunHealth
+
+TyreKind = Literal["linear", "piecewise_linear", "magic_formula", "brush"]
+
+
+@dataclass(frozen=True)
+class AxleCurve:
+    """Force of an axle against its slip angle, with the standard error that its parameters leave.
+
+    slip_angle : [rad], rising, beyond what the data excites; force, force_std : of both wheels together [N]
+    """
+
+    slip_angle: list[float]
+    force: list[float]
+    force_std: list[float]
+
+
+@dataclass(frozen=True)
+class TyreFit:
+    """The bicycle with one kind of axle tyres, fitted to all runs.
+
+    front, rear : parameter -> estimate; the force is that of the axle, both wheels together
+    parameters : names in the order of ``correlation``, such as "front.cornering_stiffness", "yaw_inertia"
+    rms : signal -> root mean square of measured minus modelled, from windows with estimated initial states
+    to_fixed : parameter -> {fixed value -> relative change of the parameter per relative change of it}
+    criterion : Bayesian information criterion; the least is the best of the fits to the same data
+    """
+
+    kind: TyreKind
+    front: dict[str, Estimate]
+    rear: dict[str, Estimate]
+    yaw_inertia: Estimate
+    rms: dict[str, float]
+    parameters: list[str]
+    correlation: list[list[float]]
+    excited: dict[str, list[float]]
+    curves: dict[str, AxleCurve]
+    understeer_gradient: Estimate
+    characteristic_speed: Estimate
+    to_fixed: dict[str, dict[str, float]]
+    log_likelihood: float
+    criterion: float
+    converged: bool
+    warnings: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class EffectEstimate:
+    """One effect that is part of a fitted model, with its parameters.
+
+    name : of the catalogue, such as "sensor_bias"; enters : A, G, T, Y, R, X or M
+    of : the signal that it acts on, where it acts on one; run : where it belongs to one run
+    needed : whether the data call for it (its p-value, all such effects together, is below 1 %)
+    """
+
+    name: str
+    enters: str
+    parameters: dict[str, Estimate]
+    of: str | None = None
+    run: str | None = None
+    p_value: float | None = None
+    needed: bool = True
+
+
+@dataclass(frozen=True)
+class FixedValue:
+    """A value that the fit takes as given; ``std`` None where nobody stated how well it is known."""
+
+    value: float
+    std: float | None
+    unit: str
+    source: str
+
+
+@dataclass(frozen=True)
+class ResidualNoise:
+    """What the fit found the noise of a signal to be.
+
+    std : of the innovations; total_std : of the noise
+    ar : y_k = sum a_i y_(k-i) + e_k at ``sample_period`` [s]
+    coloured_beyond : whether what is left is correlated over longer than noise of a sensor is: then it holds
+        what the model lacks, and the intervals rest on the spread between windows
+    """
+
+    unit: str
+    std: float
+    total_std: float
+    ar: list[float]
+    sample_period: float
+    coloured_beyond: bool
+
+
+@dataclass(frozen=True)
+class TyreRun:
+    """One run in the tyre fit.
+
+    seconds : fitted, in ``windows`` windows; speed, lateral_acceleration : range [m/s], [m/s²]
+    agreement_p : p-value of the hypothesis that this run has the parameters of all runs together
+    reason : why it is not used, where it is not
+    reference_x : x of the point that logged positions belong to, from the CG [m], None where it is not known
+    """
+
+    run: str
+    windows: int
+    seconds: float
+    speed: list[float]
+    lateral_acceleration: list[float]
+    rms: dict[str, float]
+    agreement_p: float | None = None
+    used: bool = True
+    reason: str | None = None
+    reference_x: float | None = None
+
+
+@dataclass(frozen=True)
+class ForceComparison:
+    """The front or rear axle seen by its measured wheel forces, beside what its motion says.
+
+    from_forces, from_motion : cornering stiffness at small slip [N/rad]
+    scale : measured force over the force that the motion needs (force inversion) [-]
+    correlation : of the two [-]; reason : what explains a mismatch, in words
+    """
+
+    axle: Literal["front", "rear"]
+    from_forces: Estimate
+    from_motion: Estimate
+    scale: Estimate
+    correlation: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class TyresResult:
+    """`ident tyres`: the axle tyres of the dynamic bicycle.
+
+    verdict : one line
+    chosen : the kind that goes on into ``model.yaml``; why : in words
+    excited : axle -> [lowest, highest] slip angle that the data excites [rad]
+    fixed : what the vehicle file gives, such as the mass
+    nuisance : offsets and biases fitted with the tyres
+    """
+
+    schema_version: str
+    provenance: Provenance
+    verdict: str
+    next_step: str | None
+    fits: list[TyreFit]
+    chosen: TyreKind
+    why: str
+    excited: dict[str, list[float]]
+    understeer_gradient: Estimate
+    characteristic_speed: Estimate
+    nuisance: list[EffectEstimate]
+    fixed: dict[str, FixedValue]
+    noise: dict[str, ResidualNoise]
+    by_run: list[TyreRun]
+    agreement_p: float | None
+    speed: list[float]
+    lateral_acceleration: list[float]
+    samples: int
+    runs: list[RunHealth]
+    refused: list[Refusal]
+    warnings: list[str]
+    measured_forces: list[ForceComparison] = field(default_factory=list)

@@ -1,0 +1,25 @@
+"""Settings of the tyre stage, apart from the stage so that reading a recipe loads no model."""
+
+from __future__ import annotations
+
+from typing import Annotated, get_args
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from ident.results import TyreKind
+from ident.stages.inputs import quantity
+
+
+class TyresSettings(BaseModel):
+    """Settings of this stage.
+
+    kinds : of tyres, all that there are unless said
+    runs : globs of the runs to be used, all unless said
+    least_speed : below which nothing is used [m/s]
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    kinds: Annotated[list[TyreKind], Field(min_length=1)] = list(get_args(TyreKind))
+    runs: list[str] | None = None
+    least_speed: Annotated[float, quantity("m/s", positive=True)] = 3.0
