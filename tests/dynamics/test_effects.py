@@ -46,12 +46,12 @@ def evaluated(system: System, values: dict[str, float]) -> dict[str, np.ndarray]
             | dict(zip(system.inputs, entry, strict=True))
             | values
         )
-        known = {symbol(name): value for name, value in at.items()}
+        known = {symbol(name): sympy.Float(value) for name, value in at.items()}
         for name, expression in system.intermediates.items():
-            known[symbol(name)] = sympy.sympify(expression).subs(known)
+            known[symbol(name)] = sympy.sympify(expression).xreplace(known)
         for group, expressions in (("rate", system.states), ("output", system.outputs)):
             for name, expression in expressions.items():
-                value = float(sympy.sympify(expression).subs(known))
+                value = float(sympy.sympify(expression).xreplace(known))
                 found.setdefault(f"{group} {name}", []).append(value)
     return {name: np.array(values) for name, values in found.items()}
 
