@@ -62,8 +62,11 @@ def uncertainty(found: KindFit, steering_ratio_std: float = 0.0) -> Uncertainty:
     return Uncertainty(found.fit.covariance + spread @ spread.T, by_fixed)
 
 
-def tyre_fit(found: KindFit, known: Uncertainty) -> TyreFit:
-    """Everything that is told of one kind."""
+def tyre_fit(found: KindFit, known: Uncertainty, criterion: float) -> TyreFit:
+    """Everything that is told of one kind.
+
+    criterion : by which kinds are compared, of :func:`~ident.estimation.tyre_fit.criteria`
+    """
     excited = excited_slip(found)
     std = np.sqrt(np.diag(known.covariance))
     by_name = {
@@ -85,7 +88,7 @@ def tyre_fit(found: KindFit, known: Uncertainty) -> TyreFit:
         characteristic_speed=speed,
         to_fixed=_relative_changes(found, known.by_fixed),
         log_likelihood=found.fit.log_likelihood,
-        criterion=found.criterion,
+        criterion=criterion,
         converged=found.fit.converged,
         warnings=_warnings(found),
     )

@@ -28,6 +28,7 @@ from ident.estimation.noise import NoiseModel
 from ident.estimation.vehicle_fit import VehicleFit, fit_vehicle, inflation
 from ident.estimation.vehicle_problem import Coordinate, RunTerm, VehiclePoint, VehicleProblem
 from ident.estimation.vehicle_records import MotionRecord, Windows, cut
+from ident.results import TyreKind
 
 Array = NDArray[np.float64]
 
@@ -110,11 +111,30 @@ class KindFit:
         """Standard deviation of the prior of a coordinate."""
         return next(one.prior_std for one in self.problem.coordinates if one.name == name)
 
-    @property
-    def criterion(self) -> float:
-        """Bayesian information criterion; the prior is not counted."""
-        rows = sum(one.residual.size for one in self.fit.point.residuals.values())
-        return -2 * self.fit.log_likelihood + self.fit.shared.size * float(np.log(rows))
+
+def criteria(found: Mapping[TyreKind, KindFit]) -> dict[TyreKind, float]:
+    """Bayesian information criterion of each kind; the least is the best.
+
+    By the likelihood, where any kind leaves nothing but noise. Where none does, by the size of what is left
+    of each signal, N ln(rms²): N counts its correlation times in the data, by the kind that leaves least.
+    """
+    if any(not one.fit.is_coloured for one in found.values()):
+        rows = {k: sum(r.residual.size for r in one.fit.point.residuals.values()) for k, one in found.items()}
+        return {
+            kind: -2 * one.fit.log_likelihood + one.fit.shared.size * float(np.log(rows[kind]))
+            for kind, one in found.items()
+        }
+    sizes = {
+        kind: {name: np.log(rms**2) for name, rms in one.fit.rms().items()} for kind, one in found.items()
+    }
+    best = min(sizes, key=lambda kind: sum(sizes[kind].values()))
+    counts = found[best].fit.independent_samples()
+    total = float(np.log(sum(counts.values())))
+    return {
+        kind: sum(counts[name] * float(size) for name, size in own.items())
+        + found[kind].fit.shared.size * total
+        for kind, own in sizes.items()
+    }
 
 
 def fit_tyres(

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +92,27 @@ class VehicleFit:
         """Root mean square of what is left of each compared signal."""
         residuals = self.point.residuals
         return {name: float(np.sqrt(np.mean(one.residual**2))) for name, one in residuals.items()}
+
+    def independent_samples(self) -> dict[str, float]:
+        """How many correlation times of its residual each compared signal holds."""
+        made = {}
+        for name, one in self.point.residuals.items():
+            samples = one.samples
+            lengths = [
+                _correlation_length(one.residual[begin:end])
+                for begin, end in pairwise(samples.begins.tolist())
+                if end - begin > 1
+            ]
+            made[name] = one.residual.size / max(1.0, 2 * float(np.mean(lengths)))
+        return made
+
+
+def _correlation_length(residual: Array) -> int:
+    """Samples after which the autocorrelation has first fallen below 1/e."""
+    centred = residual - residual.mean()
+    correlation = np.fft.irfft(np.abs(np.fft.rfft(centred, 2 * centred.size)) ** 2)[: centred.size]
+    below = np.flatnonzero(correlation < correlation[0] / np.e)
+    return int(below[0]) if below.size else centred.size
 
 
 def fit_vehicle(
@@ -256,8 +278,8 @@ def _slow_colour(point: VehiclePoint, name: str) -> float:
     white, samples = point.white[name][:, -1], point.residuals[name].samples
     length = max(2, round(BLOCK / samples.period))
     sums = []
-    for begin, end in zip(samples.begins[:-1], samples.begins[1:], strict=True):
-        count = int(end - begin) // length
+    for begin, end in pairwise(samples.begins.tolist()):
+        count = (end - begin) // length
         blocks = white[begin : begin + count * length].reshape(count, length)
         sums.append(blocks.sum(axis=1) / np.sqrt(length))
     total = np.concatenate(sums)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 
 import numpy as np
@@ -87,6 +87,15 @@ def tyre_data(
         left_out=left_out,
         warnings=_told(usable),
     )
+
+
+def without_run(data: TyreData, number: int, reason: str) -> TyreData:
+    """Return the data without one run."""
+    kept = [record for record in data.records if record.run != number]
+    records = [replace(record, run=record.run - (record.run > number)) for record in kept]
+    runs = [run for index, run in enumerate(data.runs) if index != number]
+    left_out = [*data.left_out, Refusal(data.runs[number].name, reason)]
+    return replace(data, runs=runs, records=records, left_out=left_out)
 
 
 def fixed_values(data: TyreData) -> dict[str, FixedValue]:

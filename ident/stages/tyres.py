@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ident.errors import NotIdentifiable
 from ident.estimation.noise import AutoRegression
 from ident.estimation.tyre_estimates import Uncertainty, tyre_fit, uncertainty
-from ident.estimation.tyre_fit import AXLES, KindFit, fit_tyres
+from ident.estimation.tyre_fit import AXLES, KindFit, criteria, fit_tyres
 from ident.estimation.tyre_start import tyre_starts
 from ident.estimation.vehicle_fit import RunAgreement, run_agreement
 from ident.results import (
@@ -34,7 +34,7 @@ from ident.results import (
 from ident.signals.run import LoadedLogs
 from ident.stages.inputs import InputSettings, load, provenance
 from ident.stages.output import Context, StageOutput
-from ident.stages.tyre_data import GIVEN, TyreData, fixed_values, tyre_data
+from ident.stages.tyre_data import GIVEN, TyreData, fixed_values, tyre_data, without_run
 from ident.stages.tyre_nuisance import nuisance
 from ident.stages.tyre_settings import TyresSettings
 from ident.stages.tyre_tables import tyre_tables
@@ -58,7 +58,7 @@ UNITS = {
     "position_across": "m",
 }
 DISAGREES = 1e-3
-PRACTICAL = 0.03  # relative
+PRACTICAL, FOREIGN = 0.03, 0.5  # relative
 COMPARED = ("front.cornering_stiffness", "rear.cornering_stiffness", "yaw_inertia")
 
 
@@ -77,13 +77,58 @@ def tyres(
     """
     loaded = load(logs, inputs, context)
     data = tyre_data(loaded, inputs.align, settings.runs, settings.least_speed)
-    found = _fit_all(data, settings, context)
+    data, found = _fit_alike(data, settings, context)
     known = {kind: uncertainty(one, data.ratio_std) for kind, one in found.items()}
-    fits = [tyre_fit(found[kind], known[kind]) for kind in found]
-    chosen = choose(fits)
+    told = criteria(found)
+    fits = [tyre_fit(found[kind], known[kind], told[kind]) for kind in found]
+    chosen = choose(told)
     result = _result(loaded, context, data, fits, chosen, found[chosen], known[chosen])
     tables = tyre_tables(data, found[chosen], loaded.runs)
     return StageOutput(result, tables, _model_part(data, result, found[chosen], known[chosen]))
+
+
+def _fit_alike(
+    data: TyreData, settings: TyresSettings, context: Context
+) -> tuple[TyreData, dict[TyreKind, KindFit]]:
+    """Fit every kind, without runs that are of another vehicle or whose signals contradict the others.
+
+    Such a run is left out where the rest is longer than it.
+    """
+    found = _fit_all(data, settings, context)
+    for _ in range(len(data.runs) - 1):
+        foreign = _foreign(data, found[choose(criteria(found))])
+        if foreign is None:
+            break
+        data = without_run(data, *foreign)
+        found = _fit_all(data, settings, context)
+    return data, found
+
+
+def _foreign(data: TyreData, found: KindFit) -> tuple[int, str] | None:
+    """Return the run that disagrees most, for certain and by much, and why it is left out."""
+    agreement = run_agreement(found.fit)
+    shifts = [_shift(found, one) for one in agreement]
+    seconds = [sum(r.times[-1] - r.times[0] for r in data.records if r.run == i) for i in range(len(shifts))]
+    doubtful = [
+        number
+        for number, one in enumerate(agreement)
+        if shifts[number] > FOREIGN
+        and one.p * len(agreement) < DISAGREES
+        and seconds[number] < sum(seconds) / 2
+    ]
+    if not doubtful:
+        return None
+    worst = max(doubtful, key=lambda number: shifts[number])
+    return worst, (
+        f"alone it would move stiffness or yaw inertia by {100 * shifts[worst]:.0f} % (p = "
+        f"{agreement[worst].p:.1g}): another load, another vehicle, or signals that contradict each other: "
+        "fit it by itself"
+    )
+
+
+def _shift(found: KindFit, one: RunAgreement) -> float:
+    """Largest change of a stiffness or of the yaw inertia that a run alone would make, relative."""
+    return float(np.abs(one.shift[[found.names.index(name) for name in COMPARED]]).max())
 
 
 def _fit_all(data: TyreData, settings: TyresSettings, context: Context) -> dict[TyreKind, KindFit]:
@@ -102,11 +147,10 @@ def _fit_all(data: TyreData, settings: TyresSettings, context: Context) -> dict[
     return found
 
 
-def choose(fits: Sequence[TyreFit]) -> TyreKind:
+def choose(told: Mapping[TyreKind, float]) -> TyreKind:
     """The simplest kind whose criterion is within CLEARLY of the best."""
-    best = min(fit.criterion for fit in fits)
-    good = [fit.kind for fit in fits if fit.criterion <= best + CLEARLY]
-    return next(kind for kind in SIMPLE_FIRST if kind in good)
+    best = min(told.values())
+    return next(kind for kind in SIMPLE_FIRST if kind in told and told[kind] <= best + CLEARLY)
 
 
 def _why(fits: Sequence[TyreFit], chosen: TyreKind) -> str:
@@ -213,9 +257,8 @@ def _refused(own: TyreFit) -> list[Refusal]:
 def _disagreeing(data: TyreData, found: KindFit, agreement: Sequence[RunAgreement]) -> list[str]:
     """Name the runs that differ for certain, and by more than what is of no consequence."""
     told = []
-    sizes = [found.names.index(name) for name in COMPARED]
     for run, one in zip(data.runs, agreement, strict=True):
-        shift = float(np.abs(one.shift[sizes]).max())
+        shift = _shift(found, one)
         if len(agreement) > 1 and one.p * len(agreement) < DISAGREES and shift > PRACTICAL:
             told.append(
                 f"{run.name}: alone it would move stiffness or yaw inertia by {100 * shift:.0f} % (p = "
