@@ -115,6 +115,7 @@ def _correlation_length(residual: Array) -> int:
     return int(below[0]) if below.size else centred.size
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def fit_vehicle(
     problem: VehicleProblem,
     starts: Sequence[Array],
@@ -153,10 +154,17 @@ def fit_vehicle(
 
 
 def _least_squares(fit: VehicleFit, floor: Mapping[str, float]) -> VehicleFit:
-    """Go on from the maximum likelihood to the least squares, weighed by the size of what is left."""
+    """Go on from the maximum likelihood to the least squares, weighed by the size of what is left.
+
+    Samples within a correlation time of the residual count as one, so that priors keep their weight.
+    """
     point, converged = fit.point, False
+    counted = fit.independent_samples()
     for _ in range(NOISE_ROUNDS):
-        noise = {name: white_noise(_size(one, floor.get(name, 0.0))) for name, one in point.residuals.items()}
+        noise = {
+            name: white_noise(_size(one, floor.get(name, 0.0)) * np.sqrt(one.residual.size / counted[name]))
+            for name, one in point.residuals.items()
+        }
         settled = all(abs(noise[name].std / point.noise[name].std - 1) < SAME_WEIGHTS for name in noise)
         if settled and converged:
             break
