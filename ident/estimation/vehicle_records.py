@@ -57,10 +57,11 @@ def cut(record: MotionRecord, seconds: float) -> list[MotionRecord]:
     points = record.times.size - 1
     count = max(1, min(round(points * record.period / seconds), points // NODES))
     edges = np.rint(np.linspace(0, points, count + 1)).astype(int).tolist()
-    return [_part(record, first, last) for first, last in pairwise(edges)]
+    return [part_of(record, first, last) for first, last in pairwise(edges)]
 
 
-def _part(record: MotionRecord, first: int, last: int) -> MotionRecord:
+def part_of(record: MotionRecord, first: int, last: int) -> MotionRecord:
+    """Window from one grid point to another; the last sample belongs to it only where the record ends."""
     grid = slice(first, last + 1)
     end = np.inf if last == record.times.size - 1 else record.times[last]
     measured = {}
