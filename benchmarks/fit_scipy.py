@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 
 Array = NDArray[np.float64]
 
-# Two steps between points of the grid, so that few steps cross a kink of the inputs: wrong by 1e-5 of the noise.
+# Two steps between points of the grid, so that few cross a kink of the inputs: wrong by 1e-5 of the noise.
 # LSODA and RK45 with free steps need rtol 1e-9 for that, and are slower.
 ACCURACY = {"method": "RK45", "max_step": 0.5 / RATE, "rtol": 1e-6, "atol": 1e-8}
 DIFFERENCE = 1e-3  # step of the finite differences, well above the errors that the solver leaves
