@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 import ident
 from ident.errors import BadRecipe
 from ident.glossary import SIGNALS
-from ident.results import Provenance
+from ident.results import Provenance, SplitBy
 from ident.signals.run import LoadedLogs, Run, load_runs
 from ident.stages.output import Context
 from ident.units import parse_quantity
@@ -34,11 +35,19 @@ def quantity(unit: str, *, positive: bool = False) -> BeforeValidator:
     return BeforeValidator(read)
 
 
+Seconds = Annotated[float, quantity("s")]
+
+
 def _known_signals(latency: Mapping[str, float]) -> Mapping[str, float]:
     for name in latency:
         if name not in SIGNALS:
             raise ValueError(f"unknown signal {name!r}: {nearest(name, SIGNALS)}")
     return latency
+
+
+def named(run: str, globs: Sequence[str]) -> bool:
+    """Whether one of the globs matches the name of a run, or the last part of it."""
+    return any(fnmatchcase(run, glob) or fnmatchcase(run.rpartition("/")[2], glob) for glob in globs)
 
 
 class AlignSettings(BaseModel):
@@ -53,9 +62,42 @@ class AlignSettings(BaseModel):
 
     rate: Annotated[float, quantity("Hz", positive=True)] = 100.0
     max_gap: Annotated[float, quantity("s", positive=True)] = 0.2
-    latency: Annotated[dict[str, Annotated[float, quantity("s")]], AfterValidator(_known_signals)] = Field(
-        default_factory=dict
-    )
+    latency: Annotated[dict[str, Seconds], AfterValidator(_known_signals)] = Field(default_factory=dict)
+
+
+class SplitSettings(BaseModel):
+    """Which data are held out of the fit for the evaluation.
+
+    held_out : globs of runs; None: nothing was said, and a split is drawn where something is evaluated
+    blocks : run -> [from, to], the part of a run that is held out [s]
+    share : of the runs that is drawn to be held out
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    held_out: Annotated[list[str], Field(min_length=1)] | None = None
+    blocks: dict[str, tuple[Seconds, Seconds]] | None = None
+    share: Annotated[float, Field(gt=0, lt=1)] = 0.3
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether it says what is held out, so that nothing is to be drawn."""
+        return self.held_out is not None or self.blocks is not None
+
+    @property
+    def by(self) -> SplitBy:
+        """What is held out: runs, blocks of runs, or nothing."""
+        if self.held_out:
+            return "run"
+        return "block" if self.blocks else "none"
+
+    def holds_out(self, run: str) -> bool:
+        """Whether a run is held out whole."""
+        return self.held_out is not None and named(run, self.held_out)
+
+    def block_of(self, run: str) -> tuple[float, float] | None:
+        """Return the part of a run that is held out [s], None where there is none."""
+        return (self.blocks or {}).get(run)
 
 
 class InputSettings(BaseModel):
@@ -71,6 +113,7 @@ class InputSettings(BaseModel):
     channels: Literal["auto"] | Path | list[Path] = "auto"
     vehicle: Path | None = None
     align: AlignSettings = Field(default_factory=AlignSettings)
+    split: SplitSettings = Field(default_factory=SplitSettings)
     seed: int = 0
 
 

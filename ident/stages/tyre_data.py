@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatch
 
 import numpy as np
 
@@ -15,7 +14,8 @@ from ident.estimation.vehicle_records import MotionRecord, Samples
 from ident.experiments.motion import MotionRun, MotionSettings, motion_runs
 from ident.results import FixedValue, Refusal
 from ident.signals.run import LoadedLogs, Run
-from ident.stages.inputs import AlignSettings
+from ident.stages.inputs import AlignSettings, SplitSettings, named
+from ident.stages.split_motion import OTHER_SIDE, Side, split_motion, takes_part
 from ident.stages.steering_ratio import BOTH, KINEMATIC, VEHICLE, ratio_map
 from ident.vehicle import Vehicle
 
@@ -47,19 +47,30 @@ class TyreData:
 
 
 def tyre_data(
-    loaded: LoadedLogs, align: AlignSettings, globs: Sequence[str] | None, least_speed: float
+    loaded: LoadedLogs,
+    align: AlignSettings,
+    globs: Sequence[str] | None,
+    least_speed: float,
+    *,
+    split: SplitSettings | None = None,
+    side: Side = "training",
 ) -> TyreData:
-    """Gather what the fit needs.
+    """Gather what the fit needs, or on the other ``side`` of the split what it is judged by.
 
     Raises
     ------
     NotIdentifiable
         If the vehicle file lacks what cannot be identified, or no run tells how the vehicle turns.
     """
-    chosen = [run for run in loaded.runs if globs is None or _named(run.name, globs)]
-    left_out = [Refusal(run.name, "not among tyres.runs") for run in loaded.runs if run not in chosen]
-    if not chosen:
+    known = [run for run in loaded.runs if globs is None or named(run.name, globs)]
+    left_out = [Refusal(run.name, "not among tyres.runs") for run in loaded.runs if run not in known]
+    if not known:
         raise NotIdentifiable(f"no run is named by tyres.runs {', '.join(globs or [])}")
+    split = split or SplitSettings()
+    chosen = [run for run in known if takes_part(run.name, split, side)]
+    left_out += [Refusal(run.name, OTHER_SIDE[side]) for run in known if run not in chosen]
+    if not chosen:
+        raise NotIdentifiable(f"the split leaves no run: each is {OTHER_SIDE[side]}: hold out other ones")
     vehicle = _vehicle(chosen)
     alike = [run for run in chosen if run.vehicle == vehicle]
     left_out += [
@@ -70,6 +81,7 @@ def tyre_data(
     table, source = _ratio(alike, align, vehicle)
     how = MotionSettings(rate=align.rate, max_gap=align.max_gap, window=STRETCH, least_speed=least_speed)
     found, refused = motion_runs(alike, ratio=table, settings=how)
+    found = [split_motion(run, split, side, how.shortest) for run in found]
     usable = [run for run in found if _why_not(run) is None]
     left_out += [*refused, *(Refusal(run.name, why) for run in found if (why := _why_not(run)) is not None)]
     if not usable:
@@ -111,10 +123,6 @@ def fixed_values(data: TyreData) -> dict[str, FixedValue]:
     return made
 
 
-def _named(name: str, globs: Sequence[str]) -> bool:
-    return any(fnmatch(name, glob) or fnmatch(name.rpartition("/")[2], glob) for glob in globs)
-
-
 def _vehicle(runs: Sequence[Run]) -> Vehicle:
     """Return the vehicle that most runs are of, among those whose file says enough."""
     known = [run.vehicle for run in runs if run.vehicle is not None]
@@ -147,6 +155,8 @@ def _ratio_std(vehicle: Vehicle) -> float:
 
 
 def _why_not(run: MotionRun) -> str | None:
+    if not run.windows:
+        return "nothing of it lies on this side of the split"
     there = {name for window in run.windows for name in window.measurements}
     if there & set(TURNING):
         return None

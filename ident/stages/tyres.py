@@ -76,7 +76,7 @@ def tyres(
         motion, or if the vehicle hardly turns.
     """
     loaded = load(logs, inputs, context)
-    data = tyre_data(loaded, inputs.align, settings.runs, settings.least_speed)
+    data = tyre_data(loaded, inputs.align, settings.runs, settings.least_speed, split=inputs.split)
     data, found = _fit_alike(data, settings, context)
     known = {kind: uncertainty(one, data.ratio_std) for kind, one in found.items()}
     told = criteria(found)
