@@ -8,7 +8,7 @@ the best.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,7 @@ from ident.signals.run import LoadedLogs
 from ident.stages.inputs import InputSettings, load, provenance
 from ident.stages.output import Context, StageOutput
 from ident.stages.tyre_data import GIVEN, TyreData, fixed_values, tyre_data, without_run
+from ident.stages.tyre_forces import compare_forces
 from ident.stages.tyre_nuisance import nuisance
 from ident.stages.tyre_settings import TyresSettings
 from ident.stages.tyre_tables import tyre_tables
@@ -84,6 +85,9 @@ def tyres(
     chosen = choose(told)
     result = _result(loaded, context, data, fits, chosen, found[chosen], known[chosen])
     tables = tyre_tables(data, found[chosen], loaded.runs)
+    own = next(fit for fit in fits if fit.kind == chosen)
+    compared = compare_forces(own, data.body, tables["tyre_forces"], tables["tyres"], loaded.runs)
+    result = replace(result, measured_forces=compared)
     return StageOutput(result, tables, _model_part(data, result, found[chosen], known[chosen]))
 
 
