@@ -15,6 +15,7 @@ import io
 import json
 import math
 import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from ident.report.page import Page, Table
 
 TEMPLATES = Path(__file__).parent / "templates"
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+Content = float | int | str | None
 DIGITS = 7
 """Significant digits of a drawn number."""
 
@@ -108,22 +110,64 @@ def table_csv(table: Table) -> str:
     """Give a table as CSV with unrounded numbers; a text that a spreadsheet would compute is quoted."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(column.head for column in table.columns)
-    for row in table.cells():
-        writer.writerow([_csv_cell(cell.text if cell.raw is None else cell.raw) for cell in row])
+    heads, rows = _contents(table)
+    writer.writerow(heads)
+    writer.writerows([_csv_cell(value) for value in row] for row in rows)
     return stream.getvalue()
+
+
+def table_json(table: Table) -> str:
+    """Give a table as JSON: one object a row, numbers not rounded; what is missing is null."""
+    heads, rows = _contents(table)
+    records = [dict(zip(_distinct(heads), map(_finite, row), strict=True)) for row in rows]
+    return json.dumps(records, allow_nan=False, ensure_ascii=False, indent=1)
 
 
 def csv_address(table: Table) -> str:
     """Give a data address that holds the table as CSV."""
-    data = base64.b64encode(table_csv(table).encode(errors="replace")).decode()
-    return f"data:text/csv;charset=utf-8;base64,{data}"
+    return f"data:text/csv;charset=utf-8;base64,{_base64(table_csv(table))}"
 
 
-def _csv_cell(value: float | str) -> float | str:
+def json_address(table: Table) -> str:
+    """Give a data address that holds the table as JSON."""
+    return f"data:application/json;charset=utf-8;base64,{_base64(table_json(table))}"
+
+
+def download_name(name: str, suffix: str) -> str:
+    """Name a file after a table: letters, digits, "_", "-" and "." only, with this suffix."""
+    bare = re.sub(r"[^A-Za-z0-9_-]+", "_", name.removesuffix(".csv")).strip("_-")
+    return f"{bare or 'table'}.{suffix}"
+
+
+def _contents(table: Table) -> tuple[list[str], list[list[Content]]]:
+    """Give the heads and the rows that a download holds."""
+    if table.records:
+        heads = list(dict.fromkeys(name for record in table.records for name in record))
+        return heads, [[record.get(name) for name in heads] for record in table.records]
+    rows: list[list[Content]] = [
+        [cell.text if cell.raw is None else cell.raw for cell in row] for row in table.cells()
+    ]
+    return [column.head for column in table.columns], rows
+
+
+def _distinct(heads: Sequence[str]) -> list[str]:
+    """Give each head a name of its own: an empty one, and one that was there before, its number."""
+    named = [head or f"column {number + 1}" for number, head in enumerate(heads)]
+    return [f"{name} ({number + 1})" if name in named[:number] else name for number, name in enumerate(named)]
+
+
+def _finite(value: Content) -> Content:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _csv_cell(value: Content) -> Content:
     if isinstance(value, str) and value.startswith(FORMULA_STARTS):
         return f"'{value}"
     return value
+
+
+def _base64(text: str) -> str:
+    return base64.b64encode(text.encode(errors="replace")).decode()
 
 
 def _plain(value: Any) -> Any:
@@ -151,6 +195,8 @@ def _environment() -> jinja2.Environment:
     environment.filters["json"] = embed_json
     environment.filters["mathml"] = _mathml
     environment.filters["csv_address"] = csv_address
+    environment.filters["json_address"] = json_address
+    environment.filters["download_name"] = download_name
     return environment
 
 

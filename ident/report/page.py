@@ -7,7 +7,7 @@ in this package, never taken from a log.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
@@ -50,7 +50,8 @@ class Table:
     """A table.
 
     notes : short lines under it
-    download : name of the CSV file that its link gives, None for no link
+    download : name of the CSV file that its link gives, None for no link; the same is given as JSON
+    records : what the downloads hold instead of the rows, where those leave something out
     scroll : give it a height of its own, for long tables
     """
 
@@ -61,6 +62,7 @@ class Table:
     notes: Sequence[str] = ()
     download: str | None = None
     scroll: bool = False
+    records: Sequence[Mapping[str, float | int | str | None]] = ()
 
     def cells(self) -> list[list[Cell]]:
         """Give all rows as cells."""

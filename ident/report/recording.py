@@ -25,9 +25,10 @@ from ident.report.condense import Array, Line, broken, contiguous
 from ident.report.numbers import plain, shorten, significant
 from ident.report.outline import Outline, outline_of
 from ident.report.palette import DARK
+from ident.report.poses import Poses
 from ident.report.responses import Signals, cut_out, signals_of
 from ident.report.summary import describe_steering, describe_tyres
-from ident.report.tyre_signals import Poses, by_agreement, compared, measured_signals, poses, runs_of
+from ident.report.tyre_signals import by_agreement, compared, measured_signals, poses, runs_of
 from ident.report.tyre_signals import modelled as driven
 from ident.results import Experiment, ExperimentKind, Provenance, SteeringResult, TyresResult
 

@@ -76,6 +76,8 @@ ERRORS = (
 SHORT_SIGNALS = {
     "lateral_acceleration": "lat. acceleration",
     "lateral_velocity": "lat. velocity",
+    "longitudinal_velocity": "long. velocity",
+    "road_wheel_angle": "road-wheel angle",
     "position_along": "along path",
     "position_across": "across path",
     "position_x": "x",

@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ident.report.condense import Array, Line, broken, contiguous
+from ident.report.poses import Poses, from_first, poses_of
 from ident.results import TyresResult
 
 SIGNALS = ("yaw_rate", "lateral_acceleration", "lateral_velocity", "heading", "position_x", "position_y")
@@ -86,16 +87,6 @@ def force_points(table: pd.DataFrame, axle: str) -> dict[str, Array]:
     return {name: values[there] for name, values in found.items()}
 
 
-class Poses(NamedTuple):
-    """Where a truck is: (n,) time [s], place from the start of the run [m], heading [rad], (n,) window."""
-
-    time: Array
-    x: Array
-    y: Array
-    heading: Array
-    window: NDArray[np.int_]
-
-
 def poses(rows: pd.DataFrame) -> dict[str, Poses]:
     """Give where the truck was measured ("measured") and simulated ("modelled"), each where it is known.
 
@@ -109,24 +100,15 @@ def poses(rows: pd.DataFrame) -> dict[str, Poses]:
         return {}
     if "measured" not in found:
         found = {way: _joined(pose) for way, pose in found.items()}
-    first = next(iter(found.values()))
-    x, y = first.x[0], first.y[0]
-    return {way: pose._replace(x=pose.x - x, y=pose.y - y) for way, pose in found.items()}
+    return from_first(found)
 
 
 def _poses(rows: pd.DataFrame, ending: str) -> Poses:
     """Take the places, with the heading between its own samples, else that of the model, else the course."""
-    time, window = column(rows, "time"), column(rows, "window").astype(np.int64)
-    x, y = column(rows, f"position_x{ending}"), column(rows, f"position_y{ending}")
-    there = np.isfinite(x) & np.isfinite(y)
-    time, window, x, y = time[there], window[there], x[there], y[there]
-    for name in (f"heading{ending}", "heading_model"):
-        known = np.isfinite(column(rows, name))
-        if known.any() and time.size:
-            heading = np.interp(time, column(rows, "time")[known], np.unwrap(column(rows, name)[known]))
-            return Poses(time, x, y, heading, window)
-    course = np.arctan2(np.gradient(y), np.gradient(x)) if time.size > 1 else np.zeros(time.size)
-    return Poses(time, x, y, course, window)
+    window = column(rows, "window").astype(np.int64)
+    place = (column(rows, f"position_x{ending}"), column(rows, f"position_y{ending}"))
+    headings = [column(rows, name) for name in (f"heading{ending}", "heading_model")]
+    return poses_of(column(rows, "time"), window, place, headings)
 
 
 def _joined(pose: Poses) -> Poses:
