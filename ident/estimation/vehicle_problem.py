@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 POSITION = ("position_x", "position_y")
 ALONG, ACROSS = "position_along", "position_across"
 ANCHOR = 10.0  # [s] over which the shape of the path is compared
-FREEDOMS = 3  # of a part of the path: along, across, turned
+FREEDOMS = 3  # of a part of the path: moved along x and y, turned
 STEERING_RATIO = "steering_ratio"  # coordinate: relative change of the ratio behind the road-wheel angle
 FAST = 0.5  # [m/s] below which the path has no direction
 
@@ -188,7 +188,7 @@ class VehicleProblem:
         if ACROSS not in self.compared:
             return np.zeros(0)
         x, y = (self.windows.signals[name] for name in POSITION)
-        if x.times.size != y.times.size:
+        if not np.array_equal(x.times, y.times):
             self.compared = [name for name in self.compared if name not in (ALONG, ACROSS)]
             return np.zeros(0)
         direction = np.zeros(x.times.size)
@@ -215,9 +215,11 @@ class VehicleProblem:
             own = np.flatnonzero((x.window == window) & (part == number))
             dx, dy = x.values[own] - x.values[own[0]], y.values[own] - y.values[own[0]]
             first = FREEDOMS * (number - 1)
-            ahead, aside = cosine[own] * dx + sine[own] * dy, cosine[own] * dy - sine[own] * dx
-            along[own, first], across[own, first + 1] = 1.0, 1.0
-            along[own, first + 2], across[own, first + 2] = -aside, ahead
+            to_x = np.column_stack([np.ones(own.size), np.zeros(own.size), -dy])
+            to_y = np.column_stack([np.zeros(own.size), np.ones(own.size), dx])
+            freedoms = slice(first, first + FREEDOMS)
+            along[own, freedoms] = cosine[own, None] * to_x + sine[own, None] * to_y
+            across[own, freedoms] = cosine[own, None] * to_y - sine[own, None] * to_x
         return {ALONG: along, ACROSS: across}
 
     def values(self, shared: Array) -> dict[str, float]:
