@@ -72,11 +72,30 @@ class Segments:
         return Windows(self.records)
 
     @cached_property
-    def blocks(self) -> Index:
-        """(w,) which block of driving each segment begins in."""
-        keys = [(record.run, int(record.times[0] // BLOCK)) for record in self.records]
-        order = {key: number for number, key in enumerate(dict.fromkeys(keys))}
-        return np.array([order[key] for key in keys], dtype=np.intp)
+    def _block_numbers(self) -> dict[tuple[int, int], int]:
+        """Number of each block of driving that a segment reaches into: (run, which of its blocks)."""
+        reached = {
+            (record.run, block)
+            for record in self.records
+            for block in range(int(record.times[0] // BLOCK), int(record.times[-1] // BLOCK) + 1)
+        }
+        return {key: number for number, key in enumerate(sorted(reached))}
+
+    @property
+    def block_count(self) -> int:
+        """How many blocks of driving there are."""
+        return len(self._block_numbers)
+
+    def blocks_of(self, signal: str) -> Index:
+        """(n,) block of driving of each sample of a signal."""
+        samples = self.windows.signals[signal]
+        return self.blocks_at(samples.window, samples.times)
+
+    def blocks_at(self, segment: Index, times: Array) -> Index:
+        """(n,) block of driving of instants (n,) [s since the start of the run] in segments (n,)."""
+        keys = zip(self.windows.run[segment].tolist(), (times // BLOCK).astype(int).tolist(), strict=True)
+        numbers = self._block_numbers
+        return np.array([numbers[key] for key in keys], dtype=np.intp)
 
 
 STATES = ("lateral_velocity", "yaw_rate", "heading", "position_x", "position_y")
@@ -144,13 +163,14 @@ class Prediction:
 
     outputs : name -> (N,) on the grid of all segments
     errors : signal -> (n,) measured minus predicted at the samples
-    measured : signal -> (n,); segment : signal -> (n,) of each sample
+    measured : signal -> (n,); segment, block : signal -> (n,) of each sample
     """
 
     outputs: dict[str, Array]
     errors: dict[str, Array]
     measured: dict[str, Array]
     segment: dict[str, Index]
+    block: dict[str, Index]
 
 
 def predict(candidate: Candidate, segments: Segments) -> Prediction:
@@ -162,13 +182,13 @@ def predict(candidate: Candidate, segments: Segments) -> Prediction:
         np.ascontiguousarray(starts), windows.inputs, windows.steps, windows.offsets, vectors
     )
     columns = dict(zip(engine.outputs, outputs.T, strict=True))
-    errors, measured, segment = {}, {}, {}
+    errors, measured, segment, block = {}, {}, {}, {}
     for name, samples in windows.signals.items():
         if name in columns:
             modelled = samples.at(np.ascontiguousarray(columns[name][:, None]))[:, 0]
             errors[name], measured[name] = samples.values - modelled, samples.values
-            segment[name] = samples.window
-    return Prediction(columns, errors, measured, segment)
+            segment[name], block[name] = samples.window, segments.blocks_of(name)
+    return Prediction(columns, errors, measured, segment, block)
 
 
 def nanoseconds_per_step(candidate: Candidate, segments: Segments) -> float:
@@ -202,17 +222,19 @@ class BlockSums:
 
 
 def block_sums(
-    errors: Array, segment: Index, blocks: Index, chosen: NDArray[np.bool_] | None = None
+    found: Prediction, signal: str, count: int, chosen: NDArray[np.bool_] | None = None
 ) -> BlockSums:
-    """Gather errors (n,) of samples in segments (n,) by the block (w,) that each segment belongs to.
+    """Gather the errors of a signal by the block of driving that they fall into.
 
+    Parameters
+    ----------
+    count : of the blocks
     chosen : (w,) segments that count; all where None
     """
-    keep = np.ones(errors.size, dtype=np.bool_) if chosen is None else chosen[segment]
-    own = blocks[segment[keep]]
-    count = int(blocks.max(initial=-1)) + 1
-    samples = np.bincount(own, minlength=count).astype(np.float64)
-    return BlockSums(np.bincount(own, errors[keep] ** 2, count), samples)
+    errors, block = found.errors[signal], found.block[signal]
+    keep = np.ones(errors.size, dtype=np.bool_) if chosen is None else chosen[found.segment[signal]]
+    samples = np.bincount(block[keep], minlength=count).astype(np.float64)
+    return BlockSums(np.bincount(block[keep], errors[keep] ** 2, count).astype(np.float64), samples)
 
 
 def bootstrap_weights(blocks: int, seed: int) -> Array:

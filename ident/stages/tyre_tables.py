@@ -38,13 +38,13 @@ def _motion(data: TyreData, found: KindFit) -> pd.DataFrame:
         "time": windows.times,
     }
     for name in SIGNALS:
-        table[name] = _measured(windows, name)
+        table[name] = measured_on_grid(windows, name)
         table[f"{name}_model"] = columns[name] + biases.get(name, 0.0)
     table |= {"road_wheel_angle": windows.inputs[:, 0], "speed": windows.inputs[:, 1]}
     return pd.DataFrame(table | {name: columns[name] for name in SHOWN})
 
 
-def _measured(windows: Windows, name: str) -> Array:
+def measured_on_grid(windows: Windows, name: str) -> Array:
     """(N,) measured signal on the grid of all windows, NaN where there is none."""
     nothing = Samples(np.zeros(0), np.zeros(0))
     return np.concatenate([_on_grid(r, r.measured.get(name, nothing)) for r in windows.records])
