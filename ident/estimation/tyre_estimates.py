@@ -29,7 +29,8 @@ FIXED = ("mass", "cg_to_front_axle", "cg_to_rear_axle", STEERING_RATIO)
 REACH = 1.6  # of the excited slip angle, up to which curves are drawn
 POINTS = 81
 EXCITED = 0.001  # share of the samples beyond either end
-ABSOLUTE = ("curvature", "steering_offset")
+PLAIN_UNITS = {"yaw_inertia": "kg m^2", "steering_offset": "rad", "reference_x": "m"}
+ABSOLUTE = ("curvature", "steering_offset", "reference_x")
 
 
 @dataclass(frozen=True)
@@ -118,10 +119,8 @@ def _estimate(one: Coordinate, at: float, std: float, excited: Mapping[str, Sequ
 
 
 def _unit(name: str) -> str:
-    if name == "yaw_inertia":
-        return "kg m^2"
-    if name == "steering_offset":
-        return "rad"
+    if name in PLAIN_UNITS:
+        return PLAIN_UNITS[name]
     own = name.partition(".")[2]
     return next(p.unit for kind in TYRES.values() for p in kind.parameters if p.name == own)
 
@@ -129,7 +128,7 @@ def _unit(name: str) -> str:
 def _status(one: Coordinate, std: float, excited: Mapping[str, Sequence[float]]) -> tuple[Status, str | None]:
     """Verdict on one parameter, and the reason where it is not identified."""
     axle, _, own = one.name.partition(".")
-    if one.name == "steering_offset":
+    if one.name in ("steering_offset", "reference_x"):
         return ("identified", None) if std < OWN_SHARE * one.prior_std else ("weak", "hardly excited")
     held = std > OWN_SHARE * one.prior_std
     relative = std if one.logarithmic else (0.0 if not held else np.inf)

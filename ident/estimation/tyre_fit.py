@@ -41,6 +41,9 @@ SENSOR_BIAS = {"yaw_rate": 0.02, "lateral_acceleration": 0.5, "lateral_velocity"
 STEERING_OFFSET = 0.03  # [rad] standard deviation of the prior
 BANK = {"bank_cos": 0.05, "bank_sin": 0.05}
 BANK_CALLED_FOR = 1e-4  # p-value below which the bank joins the model
+TURNED = np.pi / 2  # [rad] of heading in a run, below which a bank and a bias of the accelerometer are alike
+AT_REFERENCE = ("lateral_velocity", "position_x")
+REFERENCE = 0.5  # of the wheelbase: standard deviation of the prior of a reference point that nobody states
 
 USUAL_INERTIA, STATED_INERTIA = 0.5, 0.2  # priors of the logarithm: of m l_f l_r; of a stated value
 FARTHEST = 10.0  # times, from the prior
@@ -160,6 +163,9 @@ def fit_tyres(
     window : about how long each is [s]
     bank : whether the bank of the road is fitted; None: where the data call for it
     """
+    turned = _turned(records)
+    if bank is None and not turned:
+        bank = False
     if bank is None:
         plain = fit_tyres(records, kind, body, starts, floor=floor, noise=noise, window=window, bank=False)
         p = _p_of_bank(plain)
@@ -185,17 +191,49 @@ def _problem(
     fixed = {name: float(getattr(body, name)) for name in given}
     terms = [RunTerm(name, std) for name, std in SENSOR_BIAS.items()]
     if bank:
-        terms += [RunTerm(name, std) for name, std in BANK.items()]
+        terms += _bank_terms(records)
     else:
         fixed |= dict.fromkeys(BANK, 0.0)
-    return VehicleProblem(compiled(bicycle(kind, kind)), windows, coordinates_of(kind, body), fixed, terms)
+    coordinates = coordinates_of(kind, body, reference=_reference_is_open(records))
+    return VehicleProblem(compiled(bicycle(kind, kind)), windows, coordinates, fixed, terms)
 
 
-def coordinates_of(kind: str, body: Body) -> list[Coordinate]:
-    """What is fitted: both axles, the yaw inertia, the offset of the steering."""
+def _bank_terms(records: Sequence[MotionRecord]) -> list[RunTerm]:
+    only = frozenset(_turned(records))
+    return [RunTerm(name, std, only) for name, std in BANK.items()]
+
+
+def _turned(records: Sequence[MotionRecord]) -> list[int]:
+    """Runs in which the heading turns enough to tell a bank from biases."""
+    ends: dict[int, list[float]] = {}
+    for record in records:
+        heading = record.measured.get("heading")
+        if heading is not None and heading.values.size:
+            ends.setdefault(record.run, []).extend([float(heading.values.min()), float(heading.values.max())])
+    return [run for run, values in ends.items() if max(values) - min(values) > TURNED]
+
+
+def _reference_is_open(records: Sequence[MotionRecord]) -> bool:
+    """Whether nobody has stated the point that the measured motion refers to, and something refers to it."""
+    used = any(name in record.measured for record in records for name in AT_REFERENCE)
+    return used and not any(record.reference_known for record in records)
+
+
+def coordinates_of(kind: str, body: Body, *, reference: bool = False) -> list[Coordinate]:
+    """What is fitted: both axles, the yaw inertia, the offset of the steering.
+
+    reference : whether the point that pose and velocity refer to is fitted too, being stated nowhere
+    """
     made = [_of_axle(axle, name, body) for axle in AXLES for name in TYRES[kind].names]
     offset = Coordinate("steering_offset", logarithmic=False, prior_std=STEERING_OFFSET)
-    return [*made, _inertia(body), offset]
+    point = Coordinate(
+        "reference_x",
+        logarithmic=False,
+        low=-2 * body.wheelbase,
+        high=2 * body.wheelbase,
+        prior_std=REFERENCE * body.wheelbase,
+    )
+    return [*made, _inertia(body), offset, *([point] if reference else [])]
 
 
 def _inertia(body: Body) -> Coordinate:
@@ -252,13 +290,13 @@ def _p_of_bank(found: KindFit) -> float:
     """p-value of the hypothesis that no run has a bank, by the score at zero bank (all runs together)."""
     records = found.problem.windows.records
     plain = found.problem
-    terms = [*plain.run_terms, *(RunTerm(name, std) for name, std in BANK.items())]
+    terms = [*plain.run_terms, *_bank_terms(records)]
     fixed = {name: value for name, value in plain.fixed.items() if name not in BANK}
     wider = VehicleProblem(plain.engine, Windows(records), plain.coordinates, fixed, terms)
     of_runs = np.pad(found.fit.point.of_runs, ((0, 0), (0, len(BANK))))
     point = replace(found.fit.point, problem=wider, of_runs=of_runs)
     gained = _left(found.fit.point) - _left(point)
-    freedom = len(BANK) * wider.windows.runs
+    freedom = len(BANK) * len(_turned(records))
     return float(chi2.sf(max(gained, 0.0) / inflation(found.fit), freedom))
 
 

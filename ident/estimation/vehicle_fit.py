@@ -357,17 +357,19 @@ class RunAgreement:
 
     p : p-value of the hypothesis that it has the same
     shift : (s,) by how much it alone would move the coordinates, in the directions that the data tell
+    std : (s,) standard error of that
     """
 
     p: float
     shift: Array
+    std: Array
 
 
 def run_agreement(fit: VehicleFit) -> list[RunAgreement]:
     """Test each run's score at the common estimate, in the directions that data tell and not the prior."""
     parts = [(run.rows[:, :-1], run.rows[:, -1]) for run in fit.point.by_run]
     if len(parts) < 2:
-        return [RunAgreement(1.0, np.zeros(fit.shared.size)) for _ in parts]
+        return [RunAgreement(1.0, np.zeros(fit.shared.size), np.zeros(fit.shared.size)) for _ in parts]
     told = np.sum([jacobian.T @ jacobian for jacobian, _ in parts], axis=0)
     spread = np.linalg.inv(fit.information)
     basis = _told_directions(told, fit.information)
@@ -379,7 +381,9 @@ def run_agreement(fit: VehicleFit) -> list[RunAgreement]:
         covariance = own - moved @ own - own @ moved.T + moved @ told @ moved.T
         score = basis.T @ jacobian.T @ residual
         p = _quadratic_p(score, basis.T @ covariance @ basis, wider)
-        made.append(RunAgreement(p, basis @ np.linalg.pinv(basis.T @ own @ basis) @ score))
+        alone = basis @ np.linalg.pinv(basis.T @ own @ basis)
+        std = np.sqrt(wider * np.einsum("ij,ij->i", alone, basis))
+        made.append(RunAgreement(p, alone @ score, std))
     return made
 
 

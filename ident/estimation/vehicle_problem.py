@@ -32,6 +32,7 @@ ALONG, ACROSS = "position_along", "position_across"
 ANCHOR = 10.0  # [s] over which the shape of the path is compared
 FREEDOMS = 3  # of a part of the path: moved along x and y, turned
 STEERING_RATIO = "steering_ratio"  # coordinate: relative change of the ratio behind the road-wheel angle
+NOTHING = 1e-6  # of the prior of a term, in runs that do not have it
 FAST = 0.5  # [m/s] below which the path has no direction
 
 
@@ -70,10 +71,12 @@ class RunTerm:
     """A parameter that each run has for itself, with the std of its prior around zero.
 
     name : of the measured signal to which it is added (a bias), or of a parameter of the model
+    only : runs that have it, None: all; in the others it is zero
     """
 
     name: str
     prior_std: float
+    only: frozenset[int] | None = None
 
 
 @dataclass(frozen=True)
@@ -103,7 +106,7 @@ class VehicleProblem:
         """Take the parts.
 
         ``fixed`` holds all parameters of the model that are neither a coordinate nor a term of the runs;
-        reference_x, imu_x, imu_y come from the windows.
+        imu_x, imu_y come from the windows, and reference_x where it is no coordinate.
         """
         self.engine = engine
         self.windows = windows
@@ -134,6 +137,20 @@ class VehicleProblem:
     def run_std(self) -> Array:
         """Standard deviation of the prior of each term of a run."""
         return np.array([term.prior_std for term in self.run_terms])
+
+    def has(self, run: int, name: str) -> bool:
+        """Whether a run has a term of this name."""
+        return any(t.name == name and (t.only is None or run in t.only) for t in self.run_terms)
+
+    @property
+    def std_by_run(self) -> Array:
+        """(runs, b) the same in each run, next to nothing where a run has no such term."""
+        made = np.tile(self.run_std, (self.windows.runs, 1))
+        for number, term in enumerate(self.run_terms):
+            if term.only is not None:
+                others = [run for run in range(self.windows.runs) if run not in term.only]
+                made[others, number] *= NOTHING
+        return made
 
     @property
     def prior_std(self) -> Array:
@@ -233,13 +250,12 @@ class VehicleProblem:
         values, rows = self.values(shared), []
         for record in self.windows.records:
             terms = {self.run_terms[i].name: float(of_runs[record.run, i]) for i in self._inner}
-            own = {
-                **values,
-                **terms,
+            mounting = {
                 "reference_x": record.reference_x,
                 "imu_x": record.imu[0],
                 "imu_y": record.imu[1],
             }
+            own = {**mounting, **values, **terms}
             rows.append([own[name] for name in self.engine.parameters])
         return np.array(rows)
 
@@ -357,7 +373,7 @@ class VehiclePoint:
         """Whitened sum of squares and of the prior terms; infinite where the model has blown up."""
         with np.errstate(all="ignore"):
             total = sum(float(white[:, -1] @ white[:, -1]) for white in self.white.values())
-        total += float(np.square(self.of_runs / self.problem.run_std).sum())
+        total += float(np.square(self.of_runs / self.problem.std_by_run).sum())
         total += float(np.square(self._from_prior / self.problem.prior_std).sum())
         return total if np.isfinite(total) else np.inf
 
@@ -381,7 +397,7 @@ class VehiclePoint:
         made = []
         for run in range(self.problem.windows.runs):
             own = [part for part, of in zip(self.windows, self.problem.windows.run, strict=True) if of == run]
-            rows = with_priors(stacked(own), self.problem.run_std, -self.of_runs[run])
+            rows = with_priors(stacked(own), self.problem.std_by_run[run], -self.of_runs[run])
             made.append(eliminate(rows, len(self.problem.run_terms)))
         return made
 

@@ -84,6 +84,7 @@ class MotionRun:
     """The windows of a run.
 
     reference_x : x of the point that pose and velocity refer to, from the CG [m]
+    reference_known : whether that was stated
     imu : x and y of the IMU from the CG [m]; (0, 0) where that is not said
     rejected : what was left out and why, with seconds or samples
     notes : what was assumed
@@ -99,6 +100,7 @@ class MotionRun:
     speed_source: str
     notes: list[str] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
+    reference_known: bool = True
 
 
 def motion_runs(
@@ -166,6 +168,7 @@ def _with_inputs(run: Run, steering: Input, speed: Input, how: MotionSettings) -
         speed.source,
         [*measured.notes],
         findings,
+        measured.reference_known,
     )
 
 

@@ -20,6 +20,7 @@ Mask = NDArray[np.bool_]
 
 MEASURED = ("yaw_rate", "lateral_acceleration", "lateral_velocity", "heading", "position_x", "position_y")
 POSITION = ("position_x", "position_y")
+AT_REFERENCE = (*POSITION, "lateral_velocity")
 LARGEST = {"yaw_rate": 3.0, "lateral_acceleration": 30.0, "lateral_velocity": 20.0}
 THIN_ABOVE = 1.5  # times the rate of the grid
 NEAR_JUMP = 0.1  # [s], the derivative is taken over 0.15 s
@@ -63,11 +64,13 @@ class Measured:
 
     cuts : (n, 2) from, to [s]: jumps that no window may reach across
     reference_x : x of the point that position and velocity refer to, from the CG [m]
+    reference_known : whether that point was stated, or nothing refers to it
     """
 
     signals: list[Signal]
     cuts: Array
     reference_x: float
+    reference_known: bool
     rejected: list[str]
     notes: list[str]
 
@@ -94,7 +97,8 @@ def measured_signals(run: Run, wrong: Mapping[str, str], reference: Reference) -
         if clean is _clean_heading and derived is not None:
             rejected += _with_derived(signals, derived, jumps)
     thinned = [_thinned(signal, reference.rate, reference.max_gap) for signal in signals.values()]
-    return Measured(thinned, np.concatenate(cuts), reference_x, rejected, notes)
+    known = all(signal.at is not None for signal in thinned if signal.name in AT_REFERENCE)
+    return Measured(thinned, np.concatenate(cuts), reference_x, known, rejected, notes)
 
 
 def _kept(run: Run, wrong: Mapping[str, str], reference: Reference) -> tuple[dict[str, Signal], list[str]]:
@@ -158,14 +162,14 @@ def _without_held_position(signals: Mapping[str, Signal], reference: Reference) 
 
 def _reference_x(run: Run, signals: Mapping[str, Signal]) -> tuple[float, list[str], dict[str, str]]:
     """Its x from the CG [m], what was assumed, and what cannot be used without knowing it."""
-    there = [name for name in (*POSITION, "lateral_velocity") if name in signals]
+    there = [name for name in AT_REFERENCE if name in signals]
     if not there:
         return 0.0, [], {}
     at = signals[there[0]].at
     if at is None:
         note = (
-            "the point that position and lateral velocity refer to is not said: taken as the CG (state "
-            "reference_point in vehicle.yaml)"
+            "the point that position and lateral velocity refer to is not said (state reference_point in "
+            "vehicle.yaml)"
         )
         return 0.0, [note], {}
     if at == "cg":

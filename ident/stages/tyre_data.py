@@ -198,6 +198,7 @@ def _records(runs: Sequence[MotionRun]) -> list[MotionRecord]:
             speed=window.speed,
             measured={name: Samples(one.times, one.values) for name, one in window.measurements.items()},
             reference_x=run.reference_x,
+            reference_known=run.reference_known,
             imu=run.imu,
         )
         for number, run in enumerate(runs)

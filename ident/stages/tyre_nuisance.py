@@ -16,6 +16,7 @@ Z = float(norm.ppf(0.975))
 NEEDED = 0.01
 UNITS = {"yaw_rate": "rad/s", "lateral_acceleration": "m/s^2", "lateral_velocity": "m/s", "heading": "rad"}
 OFFSET = "steering_offset"
+REFERENCE = "reference_x"  # coordinate: place of the point that pose and velocity refer to, from the CG
 
 
 def nuisance(data: TyreData, found: KindFit, covariance: Array) -> list[EffectEstimate]:
@@ -29,9 +30,22 @@ def nuisance(data: TyreData, found: KindFit, covariance: Array) -> list[EffectEs
     made = [
         _effect("steering_offset", "G", {"angle": (value, std, "rad")}, tests, held=found.prior_of(OFFSET))
     ]
+    if REFERENCE in found.names:
+        made.append(_reference(found, covariance))
     for number, run in enumerate(data.runs):
         made += _of_run(number, run.name, found, covariance, tests)
     return made
+
+
+def _reference(found: KindFit, covariance: Array) -> EffectEstimate:
+    """Return where the point lies that pose and velocity refer to, which nobody has stated.
+
+    It has no p-value: the CG is one place among others.
+    """
+    index = found.names.index(REFERENCE)
+    value, std = float(found.fit.shared[index]), float(np.sqrt(covariance[index, index]))
+    where = _estimate(value, std, "m", found.prior_of(REFERENCE))
+    return EffectEstimate("antenna_offset", "M", {"x": where})
 
 
 def _of_run(number: int, run: str, found: KindFit, covariance: Array, tests: int) -> list[EffectEstimate]:
@@ -47,7 +61,7 @@ def _of_run(number: int, run: str, found: KindFit, covariance: Array, tests: int
         effect, parameter = ("antenna_offset", "heading") if name == "heading" else ("sensor_bias", "bias")
         part = {parameter: (float(values[i]), float(std[i]), unit)}
         made.append(_effect(effect, "M", part, tests, of=name, run=run, held=SENSOR_BIAS[name]))
-    if all(name in terms for name in BANK):
+    if all(name in terms for name in BANK) and found.problem.has(number, "bank_cos"):
         at = [terms.index(name) for name in BANK]
         parts = {name: (float(values[i]), float(std[i]), "1") for name, i in zip(BANK, at, strict=True)}
         made.append(_effect("road_bank", "Y", parts, tests, run=run, held=BANK["bank_cos"]))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -79,6 +81,8 @@ def _points(data: TyreData, found: KindFit, number: int) -> ForcePoints:
     model = found.parameters
     bias = dict(zip(terms, found.fit.point.of_runs[number].tolist(), strict=True))
     bias["steering_offset"] = model["steering_offset"]
+    if "reference_x" in model:
+        own = [replace(part, reference_x=model["reference_x"]) for part in own]
     return invert_forces(own, found.body, yaw_inertia=model["yaw_inertia"], bias=bias)
 
 

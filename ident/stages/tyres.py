@@ -58,7 +58,10 @@ UNITS = {
     "position_along": "m",
     "position_across": "m",
 }
+OF_EFFECTS = {"steering_offset": "effects.steering_offset.angle", "reference_x": "effects.antenna_offset.x"}
+TELLS = 0.25  # largest relative standard error of a parameter that a run alone tells
 DISAGREES = 1e-3
+LIKE_A_BRUSH = {"shape": 1.35, "curvature": -0.5}
 PRACTICAL, FOREIGN = 0.03, 0.5  # relative
 COMPARED = ("front.cornering_stiffness", "rear.cornering_stiffness", "yaw_inertia")
 
@@ -131,8 +134,13 @@ def _foreign(data: TyreData, found: KindFit) -> tuple[int, str] | None:
 
 
 def _shift(found: KindFit, one: RunAgreement) -> float:
-    """Largest change of a stiffness or of the yaw inertia that a run alone would make, relative."""
-    return float(np.abs(one.shift[[found.names.index(name) for name in COMPARED]]).max())
+    """Largest change of a stiffness or of the yaw inertia that a run alone would make, relative.
+
+    Of those that it tells: a run on a straight road cannot contradict a stiffness.
+    """
+    index = [found.names.index(name) for name in COMPARED]
+    told = one.std[index] < TELLS
+    return float(np.abs(one.shift[index] * told).max())
 
 
 def _fit_all(data: TyreData, settings: TyresSettings, context: Context) -> dict[TyreKind, KindFit]:
@@ -140,7 +148,7 @@ def _fit_all(data: TyreData, settings: TyresSettings, context: Context) -> dict[
     found: dict[TyreKind, KindFit] = {}
     for number, kind in enumerate(kinds):
         context.progress(f"fit {NAMES[kind].lower()} tyres", number, len(kinds))
-        starts = tyre_starts(kind, data.records, data.body)
+        starts = [*tyre_starts(kind, data.records, data.body), *_inherited(kind, found)]
         try:
             found[kind] = fit_tyres(data.records, kind, data.body, starts, floor=data.floor)
         except ValueError as error:
@@ -149,6 +157,14 @@ def _fit_all(data: TyreData, settings: TyresSettings, context: Context) -> dict[
                 "`ident info`"
             ) from error
     return found
+
+
+def _inherited(kind: TyreKind, found: Mapping[TyreKind, KindFit]) -> list[dict[str, float]]:
+    """Start a Magic Formula where the brush ended: it holds a curve much like it."""
+    if kind != "magic_formula" or "brush" not in found:
+        return []
+    bent = {f"{axle}.{name}": value for axle in AXLES for name, value in LIKE_A_BRUSH.items()}
+    return [{**found["brush"].parameters, **bent}]
 
 
 def choose(told: Mapping[TyreKind, float]) -> TyreKind:
@@ -301,7 +317,7 @@ def _by_run(data: TyreData, found: KindFit, agreement: Sequence[RunAgreement]) -
                 speed=_range(windows.inputs[own, 1]),
                 lateral_acceleration=_range(acceleration[own]),
                 rms=_rms_of_run(found, number),
-                reference_x=run.reference_x,
+                reference_x=found.parameters.get("reference_x", run.reference_x),
                 agreement_p=agreement[number].p if len(agreement) > 1 else None,
             )
         )
@@ -339,7 +355,9 @@ def _model_part(data: TyreData, result: TyresResult, found: KindFit, known: Unce
         for name, unit in GIVEN.items()
     }
     names = [f"tyres.{n}" if n.partition(".")[0] in AXLES else f"vehicle.{n}" for n in found.names]
-    names[found.names.index("steering_offset")] = "effects.steering_offset.angle"
+    for coordinate, parameter in OF_EFFECTS.items():
+        if coordinate in found.names:
+            names[found.names.index(coordinate)] = parameter
     return {
         "vehicle": {**given, "yaw_inertia": _value(own.yaw_inertia)},
         "reference_point": data.vehicle.reference_point,
