@@ -1,6 +1,7 @@
 """The table ``evaluate`` as lines to draw: signals of a run as measured and as each model simulates them.
 
-A model runs freely from the logged initial state of the run, or of each stretch of it.
+A model runs freely from the logged initial state of the run, or of each stretch of it. One that was driven by
+the request is named with ``REQUEST`` behind it.
 """
 
 from __future__ import annotations
@@ -35,15 +36,23 @@ def simulated_by(rows: pd.DataFrame) -> list[str]:
     return [name for name in MODELS if name in found]
 
 
+def on_request(rows: pd.DataFrame, model: str) -> list[str]:
+    """Name a model as it was driven by the request, in a list that is empty where it was not."""
+    asked = f"{model}{REQUEST}"
+    known = (column(rows, f"{signal}__{asked}") for signal in SIGNALS)
+    return [asked] if any(bool(np.isfinite(values).any()) for values in known) else []
+
+
 def measured_signals(rows: pd.DataFrame, models: Sequence[str]) -> list[str]:
     """Name the signals that were measured and that one of the models simulates as something of its own.
 
     What a model is driven by it gives back as it was: such a signal compares nothing.
     """
-    return [name for name in SIGNALS if _compares(rows, name, models)]
+    return [name for name in SIGNALS if compares(rows, name, models)]
 
 
-def _compares(rows: pd.DataFrame, signal: str, models: Sequence[str]) -> bool:
+def compares(rows: pd.DataFrame, signal: str, models: Sequence[str]) -> bool:
+    """Say whether one of the models differs from what was measured anywhere."""
     measured = column(rows, signal)
     errors = [measured - column(rows, f"{signal}__{model}") for model in models]
     return any(bool(np.any(np.abs(error[np.isfinite(error)]) > 0)) for error in errors)

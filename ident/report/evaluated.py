@@ -28,11 +28,14 @@ OTHERS = ("other_1", "other_2", "other_3", "other_4")
 
 Judgement = Literal["within", "near", "beyond", "unknown"]
 TONES: dict[Judgement, Tone] = {"within": "good", "near": "caution", "beyond": "bad", "unknown": "plain"}
+CHECK_TONES: dict[str, Tone] = {"fine": "good", "warning": "caution", "refused": "bad"}
 MARKS: dict[Judgement, str] = {"within": "", "near": "≈\u00a0", "beyond": "✗\u00a0", "unknown": ""}
 
 
 def model_name(name: str) -> str:
     """Name a model for a reader; one that is not known by the name it has."""
+    if name.endswith("__request"):
+        return f"{model_name(name.removesuffix('__request'))}, on the request"
     return {str(key): text for key, text in MODELS.items()}.get(name, name)
 
 
@@ -99,11 +102,11 @@ def _size(result: EvaluateResult, model: EvaluatedModel) -> float:
     return model.nrmse.get("yaw_rate", math.inf)
 
 
-def roles(result: EvaluateResult) -> dict[ModelName, str]:
+def roles(result: EvaluateResult) -> dict[str, str]:
     """Give each model its colour, that which is shown the colour of the model."""
     shown = shown_model(result)
-    order = [shown.name] if shown else []
-    found = {model.name for model in result.models}.difference(order)
+    order: list[str] = [shown.name] if shown else []
+    found = {str(model.name) for model in result.models}.difference(order)
     order += [name for name in MODELS if name in found]
     return dict(zip(order, ("modelled", *OTHERS), strict=False))
 

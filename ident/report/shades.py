@@ -101,3 +101,73 @@ def heat(values: Array, x: Sequence[str], y: Sequence[str], *, hover: str) -> Tr
         "texttemplate": "%{text}" if len(x) <= 12 else "",
         "hovertemplate": f"{hover}<extra></extra>",
     }
+
+
+def ranges(x: Array, y: Array, low: Array, high: Array, role: str, name: str, *, hover: str) -> Trace:
+    """Draw a line through values with their intervals."""
+    return {
+        "type": "scatter",
+        "mode": "lines+markers",
+        "x": x,
+        "y": y,
+        "name": label(name),
+        "legendgroup": label(name),
+        "line": {"color": LIGHT[role], "width": 1.8},
+        "marker": {"color": LIGHT[role], "size": 5},
+        "error_y": {
+            "type": "data",
+            "array": high - y,
+            "arrayminus": y - low,
+            "color": LIGHT[role],
+            "thickness": 1.2,
+            "width": 3,
+        },
+        "customdata": np.column_stack([low, high]),
+        "hovertemplate": f"{hover}<extra>{label(name)}</extra>",
+    }
+
+
+def mark(x: float, y: float, role: str, name: str, *, filled: bool, hover: str) -> Trace:
+    """Draw one large mark, filled or open."""
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": [x],
+        "y": [y],
+        "name": label(name),
+        "legendgroup": label(name),
+        "marker": {
+            "color": LIGHT[role],
+            "size": 12,
+            "symbol": "circle" if filled else "circle-open",
+            "line": {"width": 2, "color": LIGHT[role]},
+        },
+        "hovertemplate": f"{hover}<extra>{label(name)}</extra>",
+    }
+
+
+def cells(values: Array, x: Sequence[float], y: Sequence[float], name: str, *, hover: str) -> Trace:
+    """Draw a map of values over cells: (len(y) - 1, len(x) - 1) values between the edges, NaN left blank."""
+    stops = ("scale_low", "scale_middle", "scale_high")
+    return {
+        "type": "heatmap",
+        "name": label(name),
+        "z": values,
+        "x": list(x),
+        "y": list(y),
+        "xgap": 1,
+        "ygap": 1,
+        "zmin": 0,
+        "colorscale": [[index / 2, LIGHT[role]] for index, role in enumerate(stops)],
+        "showscale": False,
+        "text": [[_whole_seconds(float(value)) for value in row] for row in values],
+        "texttemplate": "%{text}",
+        "textfont": {"size": 10},
+        "hovertemplate": f"{hover}<extra></extra>",
+    }
+
+
+def _whole_seconds(value: float) -> str:
+    if not np.isfinite(value):
+        return ""
+    return "< 1 s" if value < 1 else f"{value:.0f} s"

@@ -27,6 +27,7 @@ HOSTILE = 'manual_b <img src=x onerror="window.injected=1"></script>'
 RUNS = ["day 1/manual_a", HOSTILE, "manual_c"]
 DRIVES = [(RUNS[0], 1, 26.0, 8.0, 0.10), (RUNS[1], 2, 20.0, 13.0, 0.075), (RUNS[2], 3, 22.0, 14.0, 0.11)]
 MODELS = ("kinematic", "linear", "piecewise_linear", "brush", "magic_formula")
+ASKED = "brush"
 COSTS = dict(zip(MODELS, (21.0, 64.0, 72.0, 118.0, 151.0), strict=True))
 STATES = ("lateral_velocity", "yaw_rate", "heading", "position_x", "position_y")
 NOISE = {
@@ -46,6 +47,7 @@ ACCEPTABLE = {
     "heading": 0.012,
     "position_x": 0.25,
     "position_y": 0.25,
+    "road_wheel_angle": 0.005,
 }
 SHARES = {"1 s": 0.35, "2 s": 0.55, "5 s": 0.8}
 BANDS = ((0.0, 1.0), (1.0, 2.0), (2.0, 3.0), (3.0, 4.0), (4.0, None))
@@ -112,9 +114,11 @@ def run_table(run, seed, seconds, speed, angle):
         table[signal] = true[signal] + rng.normal(0.0, std, time.size)
     table["lateral_velocity"][::2] = np.nan
     for model in MODELS:
-        table |= columns(model, drive(model, tyre_case.MODEL, steering, velocity), "")
-    asked = drive("magic_formula", tyre_case.MODEL, lagging(steering), velocity)
-    return pd.DataFrame(table | columns("magic_formula", asked, "__request"))
+        given = {name: table[name] for name in ("longitudinal_velocity", "road_wheel_angle")}
+        table |= columns(model, drive(model, tyre_case.MODEL, steering, velocity) | given, "")
+    asked = drive(ASKED, tyre_case.MODEL, lagging(steering), velocity)
+    asked["longitudinal_velocity"] = table["longitudinal_velocity"]
+    return pd.DataFrame(table | columns(ASKED, asked, "__request"))
 
 
 def columns(model, found, ending):
@@ -131,7 +135,8 @@ def size(value, signal, spread=0.12):
 
 def differences(rows, model, ending=""):
     found = {signal: (rows[signal] - rows[f"{signal}__{model}{ending}"]).to_numpy() for signal in NOISE}
-    return {signal: values[np.isfinite(values)] for signal, values in found.items() if signal in ACCEPTABLE}
+    found = {signal: values[np.isfinite(values)] for signal, values in found.items() if signal in ACCEPTABLE}
+    return {signal: values for signal, values in found.items() if np.any(values != 0)}
 
 
 def rms_of(found):
@@ -222,7 +227,7 @@ REQUIREMENTS = [
 
 def build_result(table, provenance, health):
     models = [evaluated(table, model, "measured") for model in MODELS]
-    models.append(evaluated(table, "magic_formula", "request"))
+    models.append(evaluated(table, ASKED, "request"))
     speeds, accelerations = [5.0, 7.0, 9.0, 11.0, 13.0, 15.0, 17.0], [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
     held_out = covered(table, speeds, accelerations)
     training = (0.5 * np.array(held_out) + np.eye(6)).tolist()
