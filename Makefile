@@ -1,4 +1,4 @@
-# make run      identify the steering of the sample logs (report in reports/sample_logs/)
+# make run      all stages on the sample logs (report in reports/sample_logs/)
 # make test     everything that is checked: style, types, tests
 # make study    the statistical studies, in full; what is done is kept and not done again
 # make bench    nanoseconds a step of each model, and one fit against CasADi and scipy, as ratios
@@ -25,7 +25,7 @@ endif
 .PHONY: run test study bench schema samples lock clean
 
 run: $(VENV)/run.stamp
-	$(BIN)/ident steering sample_logs/
+	$(BIN)/ident run pipelines/truck.yaml sample_logs/
 
 test: $(VENV)/dev.stamp
 	$(BIN)/ruff check

@@ -11,6 +11,11 @@ class IdentError(Exception):
 
     exit_code = 1
 
+    @property
+    def lines(self) -> list[str]:
+        """What is shown to the user."""
+        return [str(self)]
+
 
 class UsageError(IdentError):
     """The command was called in a way that has no meaning."""
@@ -37,6 +42,11 @@ class NotIdentifiable(IdentError):
 
 
 class RequirementNotMet(IdentError):
-    """A requirement of the recipe is not met."""
+    """Requirements of the recipe are not met: each argument is one of them."""
 
     exit_code = 5
+
+    @property
+    def lines(self) -> list[str]:
+        """One line for each requirement."""
+        return [str(argument) for argument in self.args]

@@ -8,8 +8,10 @@ import click
 
 from ident import __version__
 from ident.cli.boundary import ErrorBoundary
+from ident.cli.evaluate import evaluate
 from ident.cli.info import info
 from ident.cli.init import init
+from ident.cli.run import run
 from ident.cli.steering import steering
 from ident.cli.tyres import tyres
 
@@ -29,6 +31,8 @@ def main() -> None:
       ident info my_logs/
       ident steering my_logs/
       ident tyres my_logs/
+      ident evaluate my_logs/
+      ident run my_truck.yaml my_logs/
 
     \b
     Exit codes: 0 done, 1 internal error, 2 usage, 3 no usable log or a bad recipe,
@@ -40,3 +44,5 @@ main.add_command(init)
 main.add_command(info)
 main.add_command(steering)
 main.add_command(tyres)
+main.add_command(evaluate)
+main.add_command(run)

@@ -34,7 +34,8 @@ class ErrorBoundary(click.Group):
             ctx.exit(INTERRUPTED)
         except IdentError as error:
             _show_traceback(ctx)
-            click.echo(f"ident: {one_line(str(error))}", err=True)
+            for line in error.lines:
+                click.echo(f"ident: {one_line(line)}", err=True)
             ctx.exit(error.exit_code)
         except Exception as error:  # noqa: BLE001 the boundary: whatever was not foreseen ends here
             shown = _show_traceback(ctx)

@@ -16,6 +16,7 @@ from ident.pipeline.options import RunOptions
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 _PATH = click.Path(path_type=Path)
+SHOWN = ("json", "quiet", "open")
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ def quiet_option(command: Command) -> Command:
 
 
 def run_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command LOGS and the options of every stage, as ``options`` (RunOptions) and ``show`` (Show)."""
+    """Give a command LOGS and the options of every stage, as RunOptions and Show; the rest by their names."""
 
     @functools.wraps(command)
     def gathered(
@@ -58,17 +59,41 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
         channels: tuple[str, ...],
         vehicle: Path | None,
         out: Path | None,
-        **shown: bool,
+        seed: int | None,
+        **rest: Any,
     ) -> None:
-        command(logs, RunOptions(recipe, channels, vehicle, out), Show(**shown))
+        shown = Show(**{name: rest.pop(name) for name in SHOWN})
+        command(logs, RunOptions(recipe, channels, vehicle, out, seed), shown, **rest)
 
-    for option in reversed(_RUN_OPTIONS):
+    for option in reversed([_RECIPE, *_RUN_OPTIONS]):
         gathered = option(gathered)
     return logs_argument(gathered)
 
 
+def recipe_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command RECIPE and LOGS, and the options of every stage but ``--recipe``."""
+
+    @functools.wraps(command)
+    def gathered(
+        recipe: Path,
+        logs: tuple[Path, ...],
+        channels: tuple[str, ...],
+        vehicle: Path | None,
+        out: Path | None,
+        seed: int | None,
+        **shown: bool,
+    ) -> None:
+        command(recipe, logs, RunOptions(None, channels, vehicle, out, seed), Show(**shown))
+
+    for option in reversed(_RUN_OPTIONS):
+        gathered = option(gathered)
+    return click.argument("recipe", type=_PATH)(logs_argument(gathered))
+
+
+_RECIPE: Callable[[Callable[..., None]], Callable[..., None]] = click.option(
+    "--recipe", type=_PATH, help="Settings of the whole pipeline (YAML)."
+)
 _RUN_OPTIONS: list[Callable[[Callable[..., None]], Callable[..., None]]] = [
-    click.option("--recipe", type=_PATH, help="Settings of the whole pipeline (YAML)."),
     click.option(
         "--channels",
         multiple=True,
@@ -77,7 +102,8 @@ _RUN_OPTIONS: list[Callable[[Callable[..., None]], Callable[..., None]]] = [
     ),
     click.option("--vehicle", type=_PATH, help="What is known of the vehicle (YAML)."),
     click.option("--out", type=_PATH, help="Folder of the outputs.  [default: reports/<name of the logs>]"),
-    click.option("--json", is_flag=True, help="Print the stage's JSON and nothing else."),
+    click.option("--seed", type=int, help="Of what is drawn, such as a split; over that of the recipe."),
+    click.option("--json", is_flag=True, help="Print the JSON and nothing else."),
     quiet_option,
     click.option("--open", is_flag=True, help="Open the report in a browser."),
     debug_option,

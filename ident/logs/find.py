@@ -21,6 +21,8 @@ SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd", ".bag", ".bag.active", "
 TABLES = (".csv", ".parquet")
 METADATA = "metadata.yaml"
 REPORT = "index.html"
+KEPT = ".ident"
+"""Folder in which ``ident`` keeps what it knows of the outputs beside it."""
 
 
 @dataclass(frozen=True)
@@ -103,8 +105,9 @@ def _runs_under(root: Path) -> Iterator[RunPath]:
 
 
 def _is_written_by_ident(folder: Path) -> bool:
-    """Whether a folder holds the signals of a report."""
-    return folder.name == "signals" and (folder.parent / REPORT).is_file()
+    """Whether a folder holds the signals of a report, or of one that was not finished."""
+    above = folder.parent
+    return folder.name == "signals" and ((above / REPORT).is_file() or (above / KEPT).is_dir())
 
 
 def _is_side_file(run: RunPath, runs: Sequence[RunPath]) -> bool:

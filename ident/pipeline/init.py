@@ -8,8 +8,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from ident.errors import UsageError
+from ident.pipeline.files import atomic
 from ident.pipeline.options import Progress, RunOptions, command_line
-from ident.pipeline.store import atomic, refuse_inside_a_log
+from ident.pipeline.output_folder import refuse_inside_a_log
 from ident.stages.init import init
 from ident.stages.output import Context
 

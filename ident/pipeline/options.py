@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 Progress = Callable[[str, int, int], None]
@@ -16,16 +16,23 @@ class RunOptions:
 
     channels : "auto", or channel maps of which the first that fits is chosen for each run
     out : folder of the outputs, else ``reports/<name of the logs>``
+    seed : of what is drawn, such as a split
+    against : model file that is compared with what is identified
     """
 
     recipe: Path | None = None
     channels: tuple[str, ...] = ()
     vehicle: Path | None = None
     out: Path | None = None
+    seed: int | None = None
+    against: Path | None = None
 
 
 def command_line(command: str, logs: Sequence[Path], options: RunOptions) -> str:
     """Give the command that makes the same outputs again, quoted for a POSIX shell."""
+    if command == "run" and options.recipe is not None:
+        told = replace(options, recipe=None)
+        return shlex.join(["ident", "run", str(options.recipe), *map(str, logs), *_arguments(told)])
     return shlex.join(["ident", command, *map(str, logs), *_arguments(options)])
 
 
@@ -38,3 +45,7 @@ def _arguments(options: RunOptions) -> Iterator[str]:
         yield from ("--vehicle", str(options.vehicle))
     if options.out is not None:
         yield from ("--out", str(options.out))
+    if options.seed is not None:
+        yield from ("--seed", str(options.seed))
+    if options.against is not None:
+        yield from ("--against", str(options.against))

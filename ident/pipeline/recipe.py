@@ -13,6 +13,7 @@ from pydantic import Field
 
 from ident.errors import UsageError
 from ident.pipeline.options import RunOptions
+from ident.stages.evaluate_settings import EvaluateSettings
 from ident.stages.inputs import InputSettings
 from ident.stages.steering import SteeringSettings
 from ident.stages.tyre_settings import TyresSettings
@@ -24,6 +25,7 @@ class Recipe(InputSettings):
 
     steering: SteeringSettings = Field(default_factory=SteeringSettings)
     tyres: TyresSettings = Field(default_factory=TyresSettings)
+    evaluate: EvaluateSettings = Field(default_factory=EvaluateSettings)
 
     def inputs(self) -> InputSettings:
         """Give what every stage needs to read the logs."""
@@ -39,14 +41,19 @@ def recipe_for(options: RunOptions) -> Recipe:
         If a key, a value or a unit is wrong.
     """
     if options.recipe is None:
-        return check(Recipe, _said(options), "options")
-    data = _relative_to(options.recipe.parent, read_yaml(options.recipe))
-    return check(Recipe, {**data, **_said(options)}, str(options.recipe))
+        recipe = check(Recipe, _said(options), "options")
+    else:
+        data = _relative_to(options.recipe.parent, read_yaml(options.recipe))
+        recipe = check(Recipe, {**data, **_said(options)}, str(options.recipe))
+    if options.against is None:
+        return recipe
+    evaluate = recipe.evaluate.model_copy(update={"against": options.against})
+    return recipe.model_copy(update={"evaluate": evaluate})
 
 
 def _said(options: RunOptions) -> dict[str, Any]:
     """Give the settings that the command line says, under their names in a recipe."""
-    said = {"channels": _channels(options.channels), "vehicle": options.vehicle}
+    said = {"channels": _channels(options.channels), "vehicle": options.vehicle, "seed": options.seed}
     return {name: value for name, value in said.items() if value is not None}
 
 
@@ -68,6 +75,9 @@ def _relative_to(folder: Path, data: dict[str, Any]) -> dict[str, Any]:
         placed["channels"] = [_placed(folder, name) for name in channels]
     elif channels is not None:
         placed["channels"] = _placed(folder, channels)
+    evaluate = data.get("evaluate")
+    if isinstance(evaluate, dict) and isinstance(evaluate.get("against"), str):
+        placed["evaluate"] = {**evaluate, "against": folder / evaluate["against"]}
     return placed
 
 

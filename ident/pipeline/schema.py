@@ -14,7 +14,8 @@ from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
 
 from ident.model_file import Model
-from ident.pipeline.store import RESULTS, atomic
+from ident.pipeline.files import atomic
+from ident.pipeline.store import RESULTS
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 

@@ -18,30 +18,46 @@ if TYPE_CHECKING:
 
     from ident.report.page import Page
     from ident.report.recording import Part
-    from ident.results import InfoResult, SteeringResult, TyresResult
+    from ident.results import EvaluateResult, InfoResult, SteeringResult, TyresResult
 
 Tables = Mapping[str, "pd.DataFrame"]
+Results = Mapping[str, Any]
+"""Stage -> its result, None where it cannot answer."""
 
 
 @dataclass(frozen=True)
 class Stage:
     """One stage of the pipeline.
 
-    run : computes; it is given the logs, the whole recipe (of which it takes its part) and the context
+    run : computes; it is given the logs, the whole recipe (of which it takes its part), the context and the
+        results of the stages that it needs
     describe : its result in plain text, for the terminal
     page : its page of the report, from its result and its tables
     tables : names of the tables that ``page`` and ``record`` need
     record : its part of the recording, None where there is nothing to record
+    title : of its page, where that can only say why there is no answer
+    needs : stages whose results it cannot do without; helped_by : those that it takes where they answer
+    settings : keys of the recipe on which its result depends, beside ``align`` and ``seed``
+    reads : files on which it depends beside the logs and what applies to them, by what they are
+    identifies : whether it answers what the logs were driven for
+    unmet : requirements that its result does not meet, one line each
     """
 
-    run: Callable[[Sequence[Path], Recipe, Context], StageOutput[Any]]
+    run: Callable[[Sequence[Path], Recipe, Context, Results], StageOutput[Any]]
     describe: Callable[[Any], str]
     page: Callable[[Any, Tables], Page]
     tables: tuple[str, ...] = ()
     record: Callable[[Any, Tables], Part] | None = None
+    title: str = ""
+    needs: tuple[str, ...] = ()
+    helped_by: tuple[str, ...] = ()
+    settings: tuple[str, ...] = ()
+    reads: Callable[[Recipe], Mapping[str, Path]] = lambda _: {}
+    identifies: bool = True
+    unmet: Callable[[Any], list[str]] = lambda _: []
 
 
-def _info(logs: Sequence[Path], recipe: Recipe, context: Context) -> StageOutput[InfoResult]:
+def _info(logs: Sequence[Path], recipe: Recipe, context: Context, _: Results) -> StageOutput[InfoResult]:
     from ident.stages.info import info
 
     return info(logs, recipe.inputs(), context)
@@ -59,7 +75,9 @@ def _info_page(result: InfoResult, _: Tables) -> Page:
     return info_page(result)
 
 
-def _steering(logs: Sequence[Path], recipe: Recipe, context: Context) -> StageOutput[SteeringResult]:
+def _steering(
+    logs: Sequence[Path], recipe: Recipe, context: Context, _: Results
+) -> StageOutput[SteeringResult]:
     from ident.stages.steering import steering
 
     return steering(logs, recipe.inputs(), recipe.steering, context)
@@ -83,7 +101,7 @@ def _record_steering(result: SteeringResult, tables: Tables) -> Part:
     return steering_part(result, tables)
 
 
-def _tyres(logs: Sequence[Path], recipe: Recipe, context: Context) -> StageOutput[TyresResult]:
+def _tyres(logs: Sequence[Path], recipe: Recipe, context: Context, _: Results) -> StageOutput[TyresResult]:
     from ident.stages.tyres import tyres
 
     return tyres(logs, recipe.inputs(), recipe.tyres, context)
@@ -107,14 +125,64 @@ def _record_tyres(result: TyresResult, tables: Tables) -> Part:
     return tyres_part(result, tables)
 
 
+def _evaluate(
+    logs: Sequence[Path], recipe: Recipe, context: Context, results: Results
+) -> StageOutput[EvaluateResult]:
+    from ident.stages.evaluate import evaluate
+
+    return evaluate(
+        logs,
+        recipe.inputs(),
+        recipe.evaluate,
+        context,
+        tyres=results["tyres"],
+        steering=results["steering"],
+    )
+
+
+def _describe_evaluate(result: EvaluateResult) -> str:
+    from ident.report.summary import describe_evaluate
+
+    return describe_evaluate(result)
+
+
+def _evaluate_page(result: EvaluateResult, tables: Tables) -> Page:
+    from ident.report.pages.evaluate import evaluate_page
+
+    return evaluate_page(result, tables)
+
+
+def _record_evaluate(result: EvaluateResult, tables: Tables) -> Part:
+    from ident.report.recording import evaluate_part
+
+    return evaluate_part(result, tables)
+
+
+def _against(recipe: Recipe) -> dict[str, Path]:
+    model = recipe.evaluate.against
+    return {} if model is None else {"against": model}
+
+
+def _unmet(result: EvaluateResult) -> list[str]:
+    return [
+        f"{one.signal.replace('_', ' ')} rms "
+        + ("could not be measured" if one.measured is None else f"is {one.measured:.3g} {one.unit}")
+        + f", required is at most {one.limit:.3g} {one.unit}: the report shows where it is lost"
+        for one in result.requirements
+        if not one.met
+    ]
+
+
 STAGES: dict[str, Stage] = {
-    "info": Stage(_info, _describe_info, _info_page),
+    "info": Stage(_info, _describe_info, _info_page, title="Logs", identifies=False),
     "steering": Stage(
         _steering,
         _describe_steering,
         _steering_page,
         tables=("steering", "steering_request"),
         record=_record_steering,
+        title="Steering",
+        settings=("steering",),
     ),
     "tyres": Stage(
         _tyres,
@@ -122,5 +190,21 @@ STAGES: dict[str, Stage] = {
         _tyres_page,
         tables=("tyres", "tyre_forces"),
         record=_record_tyres,
+        title="Tyres",
+        settings=("tyres", "split"),
+    ),
+    "evaluate": Stage(
+        _evaluate,
+        _describe_evaluate,
+        _evaluate_page,
+        tables=("evaluate",),
+        record=_record_evaluate,
+        title="Evaluation",
+        needs=("tyres",),
+        helped_by=("steering",),
+        settings=("evaluate", "tyres", "split"),
+        reads=_against,
+        unmet=_unmet,
     ),
 }
+"""In the order in which they run; what a stage uses stands before it."""

@@ -1,34 +1,37 @@
-"""The folder of a run's outputs: ``<stage>.json``, ``model.yaml``, ``signals/*.parquet``.
+"""The artefacts of a run: ``<stage>.json``, ``model.yaml``, ``signals/*.parquet``, each whole or not there.
 
-A file appears whole or not at all: it is written beside its final name, forced to the disk, then
-renamed. JSON holds SI values only and neither NaN nor infinity.
+What a stage has made is sealed (``ident.pipeline.seal``): only what is as its seal says is ever read. JSON
+holds SI values only and neither NaN nor infinity. ``model.yaml`` is put together from the sealed parts.
 """
 
 from __future__ import annotations
 
-import contextlib
-import dataclasses
 import json
-import math
-import os
 import re
-import secrets
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from ident.errors import BadRecipe, UsageError
-from ident.model_file import Model, model_from, model_text, read_model
-from ident.results import SCHEMA_VERSION, InfoResult, Provenance, SteeringResult, TyresResult
+from ident.model_file import Model, model_text, read_model
+from ident.pipeline.files import atomic, plain, remove_left_behind
+from ident.pipeline.lock import KEPT
+from ident.pipeline.model import composed
+from ident.pipeline.seal import MadeFrom, Seals
+from ident.results import SCHEMA_VERSION, EvaluateResult, InfoResult, SteeringResult, TyresResult
+from ident.stages.output import StageOutput
 
 if TYPE_CHECKING:
     import pandas as pd
 
-RESULTS: dict[str, type[Any]] = {"info": InfoResult, "steering": SteeringResult, "tyres": TyresResult}
+RESULTS: dict[str, type[Any]] = {
+    "info": InfoResult,
+    "steering": SteeringResult,
+    "tyres": TyresResult,
+    "evaluate": EvaluateResult,
+}
 
-_LOG_SUFFIXES = {".mcap", ".db3", ".bag", ".zstd"}
 _TABLE_NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
@@ -37,6 +40,7 @@ class Store:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.seals = Seals(folder)
 
     @property
     def model_path(self) -> Path:
@@ -47,171 +51,107 @@ class Store:
         """Where a stage's result is kept, whether or not it has been written."""
         return self.folder / f"{stage}.json"
 
-    def write_result(self, stage: str, result: Any) -> Path:
-        """Write ``<stage>.json``.
+    def table_path(self, name: str) -> Path:
+        """Where a table is kept, whether or not it has been written."""
+        if not _TABLE_NAME.fullmatch(name):
+            raise ValueError(f"table name {name!r}, need lower-case letters, digits and underscores")
+        return self.folder / "signals" / f"{name}.parquet"
+
+    def save(self, stage: str, output: StageOutput[Any], made_from: MadeFrom) -> None:
+        """Store what a stage has made, in place of what it made before, and seal it.
 
         Raises
         ------
         ValueError
             If the result holds NaN or infinity, naming the field.
+        BadRecipe
+            If its part of the model could not be read again; nothing is written in either case.
         """
-        text = json.dumps(plain(result), allow_nan=False, indent=2, ensure_ascii=False)
-        return self._write_text(self.result_path(stage), f"{text}\n")
+        text = result_text(output.result)
+        tables = {self.table_path(name): table for name, table in output.tables.items()}
+        if output.model is not None:
+            composed({stage: output.model}, {stage: output.result.provenance})
+        files = [*tables, self.result_path(stage)]
+        self._make_way(stage, files)
+        for path, table in tables.items():
+            with atomic(path) as temporary:
+                table.to_parquet(temporary, index=False)
+        self._write_text(self.result_path(stage), text)
+        self.seals.write(stage, made_from, files=files, data=output.model)
+        self.write_model()
+
+    def refuse(self, stage: str, reason: str, made_from: MadeFrom) -> None:
+        """Keep in mind that a stage cannot answer; what it made of other data is removed."""
+        self._make_way(stage, [])
+        self.seals.write(stage, made_from, refused=reason)
+        self.write_model()
 
     def read_result(self, stage: str) -> Any | None:
-        """Read a stage's result into its class of ``ident.results``; None where this version wrote none."""
-        path = self.result_path(stage)
-        if not path.is_file():
+        """Read a stage's result into its class of ``ident.results``.
+
+        None where there is none that is whole and as it was written, or where another version wrote it.
+        """
+        seal = self.seals.read(stage)
+        if seal is None or seal.refused is not None:
             return None
-        data = path.read_bytes()
+        data = self.result_path(stage).read_bytes()
         try:
             if json.loads(data).get("schema_version") != SCHEMA_VERSION:
                 return None
             return TypeAdapter(RESULTS[stage]).validate_json(data)
-        except (ValueError, AttributeError, ValidationError) as error:
-            raise BadRecipe(f"{path}: is not a result of ident: remove it and run the stage again") from error
+        except ValidationError:
+            return None
 
-    def write_tables(self, tables: Mapping[str, pd.DataFrame]) -> None:
-        """Write ``signals/<name>.parquet`` for each table."""
-        for name, table in tables.items():
-            if not _TABLE_NAME.fullmatch(name):
-                raise ValueError(f"table name {name!r}, need lower-case letters, digits and underscores")
-            with atomic(self.folder / "signals" / f"{name}.parquet") as path:
-                table.to_parquet(path, index=False)
-
-    def read_tables(self, names: Sequence[str]) -> dict[str, pd.DataFrame]:
-        """Read those of the named tables that exist."""
+    def read_tables(self, stage: str, names: Sequence[str]) -> dict[str, pd.DataFrame]:
+        """Read those of the named tables that a stage has made."""
         import pandas as pd
 
-        paths = {name: self.folder / "signals" / f"{name}.parquet" for name in names}
-        return {name: pd.read_parquet(path) for name, path in paths.items() if path.is_file()}
+        made = self.seals.files(stage)
+        paths = {name: self.table_path(name) for name in names}
+        return {name: pd.read_parquet(path) for name, path in paths.items() if path in made}
 
     def read_model(self) -> Model:
         """Read ``model.yaml``; an empty model where there is none."""
         return read_model(self.model_path) if self.model_path.is_file() else Model()
 
-    def write_model(self, stage: str, part: Mapping[str, Any], provenance: Provenance) -> Path:
-        """Put what a stage has identified into ``model.yaml`` and keep what other stages wrote there.
+    def write_model(self) -> None:
+        """Put ``model.yaml`` together from the parts that are sealed; without one there is no such file."""
+        parts, provenance = {}, {}
+        for stage in RESULTS:
+            seal = self.seals.read(stage)
+            if seal is not None and seal.data is not None:
+                parts[stage] = seal.data
+                provenance[stage] = json.loads(self.result_path(stage).read_bytes())["provenance"]
+        if not parts:
+            self.model_path.unlink(missing_ok=True)
+            return
+        text = model_text(composed(parts, provenance))
+        if not self.model_path.is_file() or self.model_path.read_bytes() != text.encode():
+            self._write_text(self.model_path, text)
 
-        A key of ``part`` replaces that key as a whole, but for ``noise`` (signal by signal) and the
-        covariance: parameters of other parts than those in ``part`` stay, as fitted independently of them.
-        """
-        known = {key: value for key, value in plain(self.read_model()).items() if value not in (None, {}, [])}
-        new = plain(part)
-        merged = {
-            **known,
-            **new,
-            "noise": known.get("noise", {}) | new.get("noise", {}),
-            "provenance": known.get("provenance", {}) | {stage: plain(provenance)},
-            **_covariances(known, new),
-        }
-        model = model_from(merged, f"model of {stage}")
-        return self._write_text(self.model_path, model_text(model))
+    def tidy(self) -> None:
+        """Remove what a killed run had begun to write."""
+        for folder in (self.folder, self.folder / "signals", self.folder / KEPT):
+            remove_left_behind(folder)
 
-    def _write_text(self, path: Path, text: str) -> Path:
+    def _make_way(self, stage: str, files: Sequence[Path]) -> None:
+        """Remove what a stage made before and does not write again, then its seal."""
+        for path in self.seals.files(stage):
+            if path not in files:
+                path.unlink(missing_ok=True)
+        self.seals.remove(stage)
+
+    def _write_text(self, path: Path, text: str) -> None:
         with atomic(path) as temporary:
             temporary.write_text(text, encoding="utf-8", newline="\n")
-        return path
 
 
-def _covariances(known: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
-    """Put the covariance of what a stage has fitted after that of the parts it did not touch.
-
-    A parameter belongs to the part that its name begins with: "tyres.front.cornering_stiffness" to "tyres".
-    """
-    before, after = known.get("parameters", []), new.get("parameters", [])
-    kept = [
-        index for index, name in enumerate(before) if name.partition(".")[0] not in new and name not in after
-    ]
-    rows = [[known["covariance"][i][j] for j in kept] + [0.0] * len(after) for i in kept]
-    rows += [[0.0] * len(kept) + list(row) for row in new.get("covariance", [])]
-    return {"parameters": [*(before[i] for i in kept), *after], "covariance": rows}
-
-
-@contextlib.contextmanager
-def atomic(path: Path) -> Iterator[Path]:
-    """Give a temporary path in the same folder; what was written there becomes ``path`` at the end.
+def result_text(result: Any) -> str:
+    """Write a result as it is stored.
 
     Raises
     ------
-    UsageError
-        If the folder cannot be made or written, saying why.
+    ValueError
+        If it holds NaN or infinity, naming the field.
     """
-    temporary = path.with_name(f".{secrets.token_hex(6)}{path.suffix}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield temporary
-        with temporary.open("rb+") as written:
-            os.fsync(written.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        reason = error.strerror or error
-        raise UsageError(f"cannot write {path}: {reason}: give another folder with --out") from error
-    finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
-
-
-def plain(value: Any, where: str = "") -> Any:
-    """Turn dataclasses and mappings into what JSON can hold, refusing NaN and infinity by their place.
-
-    Text that is not valid Unicode (the name of a file with stray bytes) gets its strays written out.
-    """
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = ((field.name, getattr(value, field.name)) for field in dataclasses.fields(value))
-        return {name: plain(inner, f"{where}.{name}") for name, inner in fields}
-    if isinstance(value, Mapping):
-        return {plain(str(key)): plain(inner, f"{where}.{key}") for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(inner, f"{where}[{index}]") for index, inner in enumerate(value)]
-    if isinstance(value, str):
-        return value.encode("utf-8", "backslashreplace").decode("utf-8")
-    if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError(f"{where.removeprefix('.')} is {value}, need a finite number or None")
-    return value
-
-
-def output_folder(out: Path | None, logs: Sequence[Path]) -> Path:
-    """Choose the folder of the outputs and check it, before any work.
-
-    Raises
-    ------
-    UsageError
-        If outputs would come to lie beside the logs or in place of files that are not ours.
-    """
-    folder = out if out is not None else Path("reports") / name_of(logs)
-    _refuse_folder_of_logs(folder, logs)
-    if folder.exists() and not folder.is_dir():
-        raise UsageError(f"--out {folder} is a file: name a folder")
-    ours = any((folder / f"{stage}.json").is_file() for stage in RESULTS)
-    foreign = [name for name in ("index.html", "model.yaml", "run.rrd") if (folder / name).exists()]
-    if foreign and not ours:
-        raise UsageError(f"--out {folder} holds another {foreign[0]}: name a new or empty folder")
-    return folder
-
-
-def name_of(logs: Sequence[Path]) -> str:
-    """Name the outputs after the logs: "sample_logs", or "run_1_and_2_more"."""
-    path = logs[0].resolve()
-    name = (path.name if path.is_dir() else path.stem) or "logs"
-    return name if len(logs) == 1 else f"{name}_and_{len(logs) - 1}_more"
-
-
-def _refuse_folder_of_logs(folder: Path, logs: Sequence[Path]) -> None:
-    resolved = folder.resolve()
-    beside = {path.resolve() if path.is_dir() else path.resolve().parent for path in logs}
-    if resolved in beside or _holds_log(resolved):
-        raise UsageError(f"the outputs would lie beside the logs in {folder}: name another folder with --out")
-    refuse_inside_a_log(folder)
-
-
-def refuse_inside_a_log(folder: Path) -> None:
-    """Raise ``UsageError`` if a folder is, or lies inside, a rosbag2 folder: nothing is written there."""
-    resolved = folder.resolve()
-    for parent in (resolved, *resolved.parents):
-        if (parent / "metadata.yaml").is_file() and _holds_log(parent):
-            raise UsageError(f"{folder} lies inside the log {parent.name}: name another folder with --out")
-
-
-def _holds_log(folder: Path) -> bool:
-    return folder.is_dir() and any(path.suffix in _LOG_SUFFIXES for path in folder.iterdir())
+    return f"{json.dumps(plain(result), allow_nan=False, indent=2, ensure_ascii=False)}\n"

@@ -91,6 +91,12 @@ class SplitSettings(BaseModel):
             return "run"
         return "block" if self.blocks else "none"
 
+    @classmethod
+    def from_stored(cls, data: Mapping[str, Any]) -> SplitSettings:
+        """Read what ``model_dump`` has written: times in seconds, without their unit."""
+        blocks = {run: (begin, end) for run, (begin, end) in (data["blocks"] or {}).items()} or None
+        return cls.model_construct(held_out=data["held_out"], blocks=blocks, share=data["share"])
+
     def holds_out(self, run: str) -> bool:
         """Whether a run is held out whole."""
         return self.held_out is not None and named(run, self.held_out)
@@ -120,7 +126,7 @@ class InputSettings(BaseModel):
 def load(
     logs: Sequence[Path], settings: InputSettings, context: Context, *, every_topic: bool = False
 ) -> LoadedLogs:
-    """Read all runs, with the latencies that the settings state taken out.
+    """Read all runs, with the latencies that the settings state taken out; once in a run of several stages.
 
     Parameters
     ----------
@@ -133,6 +139,10 @@ def load(
     BadRecipe
         If a channel map or vehicle file is wrong.
     """
+    key = f"{list(logs)} {settings.channels} {settings.vehicle} {settings.align}"
+    known: LoadedLogs | None = context.loaded.get(key)
+    if known is not None and not every_topic:
+        return known
     loaded = load_runs(
         logs,
         channels=_files(settings.channels),
@@ -140,7 +150,10 @@ def load(
         every_topic=every_topic,
         progress=context.progress,
     )
-    return replace(loaded, runs=[_without_latency(run, settings.align.latency) for run in loaded.runs])
+    found = replace(loaded, runs=[_without_latency(run, settings.align.latency) for run in loaded.runs])
+    if not every_topic:
+        context.loaded[key] = found
+    return found
 
 
 def _files(channels: str | Path | list[Path]) -> list[Path] | None:

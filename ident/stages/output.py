@@ -23,12 +23,14 @@ class Context:
 
     command : the command line that makes this output again
     date : ISO 8601, the only thing that differs between two equal runs
+    loaded : logs that were read already, for the next stage of the same run (``ident.stages.inputs.load``)
     """
 
     command: str
     date: str
     seed: int = 0
     progress: Progress = no_progress
+    loaded: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
