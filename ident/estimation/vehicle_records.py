@@ -35,8 +35,8 @@ class MotionRecord:
     road_wheel_angle, speed : (m,) inputs at the grid [rad], [m/s], linear in between
     measured : signal of the glossary -> samples within the grid; the heading is unwrapped
     reference_x : x of the point that pose and velocity refer to, from the CG [m]
-    reference_known : whether that was stated
     imu : x and y of the inertial unit, from the CG [m]
+    reference_known : whether the reference point was stated
     """
 
     run: int
@@ -45,8 +45,8 @@ class MotionRecord:
     speed: Array
     measured: Mapping[str, Samples]
     reference_x: float = 0.0
-    reference_known: bool = True
     imu: tuple[float, float] = (0.0, 0.0)
+    reference_known: bool = True
 
     @property
     def period(self) -> float:
