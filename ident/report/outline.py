@@ -6,6 +6,7 @@ for a vehicle whose axles are nearer to each other.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +42,20 @@ def outline_of(result: TyresResult, run: str) -> Outline:
     front, rear = (given.value if given else usual for given, usual in zip(told, AXLES, strict=True))
     points = [one.reference_x for one in result.by_run if one.run == run and one.reference_x is not None]
     return outline(front, rear, points[0] if points else 0.0)
+
+
+def outline_from(geometry: Mapping[str, float]) -> Outline:
+    """Draw the truck of an evaluation; what is not known of it is as usual.
+
+    Parameters
+    ----------
+    geometry : cg_to_front_axle, cg_to_rear_axle, reference_x [m]
+    """
+    front, rear = (
+        geometry.get(name, usual)
+        for name, usual in zip(("cg_to_front_axle", "cg_to_rear_axle"), AXLES, strict=True)
+    )
+    return outline(front, rear, geometry.get("reference_x", 0.0))
 
 
 def outline(front: float, rear: float, reference_x: float) -> Outline:

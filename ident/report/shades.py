@@ -12,6 +12,9 @@ from ident.report.figures import Trace, label
 from ident.report.numbers import fixed
 from ident.report.palette import LIGHT
 
+MOST_LABELLED = 9
+"""A map of more cells than this side by side has no numbers in them."""
+
 
 def points(
     x: Array,
@@ -161,7 +164,7 @@ def cells(values: Array, x: Sequence[float], y: Sequence[float], name: str, *, h
         "colorscale": [[index / 2, LIGHT[role]] for index, role in enumerate(stops)],
         "showscale": False,
         "text": [[_whole_seconds(float(value)) for value in row] for row in values],
-        "texttemplate": "%{text}",
+        "texttemplate": "%{text}" if len(x) <= MOST_LABELLED else "",
         "textfont": {"size": 10},
         "hovertemplate": f"{hover}<extra></extra>",
     }

@@ -5,16 +5,27 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
+from ident.report.evaluated import (
+    MARKS,
+    STANDARD,
+    judge,
+    model_name,
+    position_error,
+    shown_error,
+    standard,
+)
 from ident.report.numbers import (
     angle,
     count,
     estimate_interval,
     estimate_value,
+    listed,
     p_value,
     percent,
     plain,
     significant,
     unit_text,
+    with_unit,
 )
 from ident.report.steering_parameters import CLASSES, PARAMETERS, SHORT_METHODS, STATUS, of_model
 from ident.report.tyre_parameters import (
@@ -28,8 +39,18 @@ from ident.report.tyre_parameters import (
     short_name,
     signal_unit,
 )
-from ident.results import Bandwidth, Estimate, Experiment, SteeringModel, SteeringResult, TyresResult
+from ident.results import (
+    Bandwidth,
+    Estimate,
+    EvaluateResult,
+    Experiment,
+    Requirement,
+    SteeringModel,
+    SteeringResult,
+    TyresResult,
+)
 
+TOLD = ("yaw_rate", "lateral_acceleration")
 MOST_LINES = 8
 """Refusals and warnings beyond these are counted."""
 
@@ -165,4 +186,69 @@ def _tyre_fit_lines(result: TyresResult) -> list[str]:
             f"taken as exact: {', '.join(unstated)}: the intervals leave their errors out; "
             "state them in the vehicle file, such as mass: 12500 kg +- 300 kg"
         )
+    return lines
+
+
+def describe_evaluate(result: EvaluateResult) -> str:
+    """Say which model is good enough, how far each is off, whether requirements are met, what to do next.
+
+    Returns
+    -------
+    text : of a few lines, without control characters; the last line does not end with a line break
+    """
+    lines = [plain(result.verdict), *_choice_lines(result), "", *_model_lines(result), ""]
+    lines += _requirement_lines(result.requirements)
+    found = [one for one in result.checks if one.verdict != "fine"]
+    lines += _limited("check", [f"{one.what}: {one.text}" for one in found])
+    told = {one.text for one in found}
+    lines += _limited("refused", [f"{refusal.what}: {refusal.reason}" for refusal in result.refused])
+    lines += _limited("warning", [text for text in result.warnings if text not in told])
+    if result.next_step:
+        lines += ["", f"next: {plain(result.next_step)}"]
+    return "\n".join(lines)
+
+
+def _choice_lines(result: EvaluateResult) -> list[str]:
+    chosen = "none" if result.chosen is None else model_name(result.chosen)
+    held = {"run": "whole runs", "part": "parts of the same run", "block": "blocks of the same run"}
+    on = held.get(result.split_by, "NOT held out: used in the fit")
+    names = listed([plain(name) for name in result.held_out], 6)
+    return [f"  chosen: {chosen} ({plain(result.why)})", f"  held out: {names or 'nothing'} ({on})"]
+
+
+def _model_lines(result: EvaluateResult) -> list[str]:
+    """Put the errors of every model over windows into columns, with how far it holds and what it costs."""
+    units = [signal_unit(name)[1] for name in TOLD]
+    heads = [f"{name.replace('_', ' ')} [{unit}]" for name, unit in zip(TOLD, units, strict=True)]
+    rows = [("model", *heads, "position [m]", "good to [m/s²]", "ns/step")]
+    for model in result.models:
+        found = standard(model)
+        errors = [
+            MARKS[judge(found.get(name), result.acceptable.get(name))].replace("\u00a0", " ")
+            + shown_error(name, found.get(name))
+            for name in TOLD
+        ]
+        name = model_name(model.name) + (", on the request" if model.input == "request" else "")
+        position, reach = position_error(found), model.valid_to
+        more = (significant(position), significant(reach, 2), significant(model.cost_ns_per_step))
+        rows.append((name, *errors, *more))
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    note = f"  RMS over windows of {STANDARD}; ✗ beyond the acceptable size, ≈ its interval holds it"
+    return [*("  " + _aligned(row, widths) for row in rows), note]
+
+
+def _aligned(row: Sequence[str], widths: Sequence[int]) -> str:
+    cells = [cell.rjust(width) for cell, width in zip(row, widths, strict=True)]
+    return "  ".join([row[0].ljust(widths[0]), *cells[1:]])
+
+
+def _requirement_lines(found: Sequence[Requirement]) -> list[str]:
+    lines = []
+    for one in found:
+        verdict = {True: "met", False: "NOT met", None: "not measured"}[one.met]
+        limit, measured = (
+            with_unit(value, one.unit).replace("\u00a0", " ") for value in (one.limit, one.measured)
+        )
+        told = "" if one.measured is None else f" {measured},"
+        lines.append(f"requirement {verdict}: {plain(one.signal).replace('_', ' ')}{told} at most {limit}")
     return lines

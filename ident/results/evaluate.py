@@ -130,6 +130,7 @@ class EvaluateResult:
     chosen, chosen_input : the model within the acceptable band at the least cost; None where none is
     coverage : what was driven: seconds in cells of speed and |a_y|, with their edges
     held_out, training : names of runs, or of parts of runs ("manual_a [40, 60] s")
+    geometry : cg_to_front_axle, cg_to_rear_axle, reference_x of the positions [m], where known: to draw it
     against : path of the other model file, where two were compared
     """
 
@@ -156,3 +157,4 @@ class EvaluateResult:
     refused: list[Refusal]
     warnings: list[str]
     against: str | None = None
+    geometry: dict[str, float] = field(default_factory=dict)

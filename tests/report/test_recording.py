@@ -11,6 +11,7 @@ from rerun.chunk import RrdReader
 from ident.report import recording
 from ident.report.numbers import shorten
 from ident.report.outline import outline, outline_of
+from ident.report.recording import motion, parts, steering
 from ident.report.tyre_signals import by_agreement
 from ident.results import Experiment
 
@@ -57,7 +58,7 @@ def test_holds_every_sample_on_the_run_s_own_time(written, steering_case):
     table = steering_case[1]["steering"]
     found = columns(written)
     for run, rows in table.groupby("run"):
-        time, values = found[f"{recording.origin('steering', run)}/measured"]
+        time, values = found[f"{parts.origin('steering', run)}/measured"]
         kept = np.isfinite(values)
         np.testing.assert_allclose(time[kept], rows["time"], atol=1e-9)
         np.testing.assert_allclose(values[kept], rows["measured"])
@@ -67,7 +68,7 @@ def test_holds_request_modelled_and_residual_too(written, steering_case):
     tables = steering_case[1]
     found = columns(written)
     assert len(found) == 4 * tables["steering"]["run"].nunique()
-    root = recording.origin("steering", "steering_sines_a")
+    root = parts.origin("steering", "steering_sines_a")
     request = tables["steering_request"].query("run == 'steering_sines_a'")["request"]
     np.testing.assert_allclose(found[f"{root}/request"][1], request)
     rows = tables["steering"].query("run == 'steering_sines_a'")
@@ -76,15 +77,15 @@ def test_holds_request_modelled_and_residual_too(written, steering_case):
 
 
 def test_lifts_the_pen_at_a_gap(written):
-    time, values = columns(written)[f"{recording.origin('steering', 'day 1/steering_pulses_a')}/measured"]
+    time, values = columns(written)[f"{parts.origin('steering', 'day 1/steering_pulses_a')}/measured"]
     assert time[np.isnan(values)].tolist() == pytest.approx([14.197], abs=0.01)
 
 
 def test_a_name_from_a_log_is_one_part_of_an_entity_path():
     hostile = "a/b <img>\n\udc80"
-    entity = recording.origin("steering", hostile)
+    entity = parts.origin("steering", hostile)
     assert entity.count("/") - entity.count("\\/") == 2
-    assert recording.origin("tyres", "").removeprefix("/tyres/")
+    assert parts.origin("tyres", "").removeprefix("/tyres/")
 
 
 def test_opens_on_the_experiments_steps_and_sines_first(written):
@@ -101,7 +102,7 @@ def test_many_experiments_become_tabs_of_their_runs(steering_case, tmp_path):
     many = [replace(result.experiments[0], start=2.0 + 0.1 * index) for index in range(50)]
     write(tmp_path / "many.rrd", recording.steering_part(replace(result, experiments=many), tables))
     names = views(tmp_path / "many.rrd")
-    assert sum(name.startswith("pulse") for name in names) == recording.MOST_TABS
+    assert sum(name.startswith("pulse") for name in names) == parts.MOST_TABS
     assert names.count("whole run") == 1
     assert "steering_sines_a" in names
 
@@ -112,14 +113,14 @@ def test_orders_used_steps_before_sines_before_others():
         Experiment("a", kind, float(index), index + 1.0, used_by=["x"]) for index, kind in enumerate(kinds)
     ]
     unused = replace(found[2], used_by=[])
-    order = [experiment.kind for experiment in recording.ordered([unused, *found])]
+    order = [experiment.kind for experiment in steering.ordered([unused, *found])]
     assert order == ["step", "pulse", "sine", "other", "step"]
 
 
 def test_the_range_shown_holds_all_finite_values():
-    assert recording.value_range([np.array([np.nan, 1.0]), np.array([3.0])]) == pytest.approx((0.88, 3.12))
-    assert recording.value_range([np.array([np.nan])]) == (-1.0, 1.0)
-    low, high = recording.value_range([np.zeros(3)])
+    assert parts.value_range([np.array([np.nan, 1.0]), np.array([3.0])]) == pytest.approx((0.88, 3.12))
+    assert parts.value_range([np.array([np.nan])]) == (-1.0, 1.0)
+    low, high = parts.value_range([np.zeros(3)])
     assert low < 0 < high
 
 
@@ -167,8 +168,8 @@ def test_the_truck_drives_where_it_was_measured(driven, tyres_case):
     for run, rows in tyres_case[1]["tyres"].groupby("run"):
         known = rows.dropna(subset="position_x")
         start = known.iloc[0]
-        time, place, heading = moved(driven, f"{recording.origin('tyres', run)}/truck/measured")
-        assert np.diff(time).mean() == pytest.approx(recording.POSE_PERIOD, rel=0.01)
+        time, place, heading = moved(driven, f"{parts.origin('tyres', run)}/truck/measured")
+        assert np.diff(time).mean() == pytest.approx(motion.POSE_PERIOD, rel=0.01)
         at = np.searchsorted(known["time"], time)
         for axis, signal in enumerate(("position_x", "position_y")):
             expected = known[signal].to_numpy()[at] - start[signal]
@@ -182,7 +183,7 @@ def test_the_truck_stands_at_its_first_known_place_until_then(tyres_case, tmp_pa
     table = tables["tyres"].copy()
     table.loc[table["time"] < 3.0, ["position_x", "position_y"]] = np.nan
     write(tmp_path / "late.rrd", recording.tyres_part(result, {"tyres": table}))
-    time, place, _ = moved(tmp_path / "late.rrd", f"{recording.origin('tyres', run)}/truck/measured")
+    time, place, _ = moved(tmp_path / "late.rrd", f"{parts.origin('tyres', run)}/truck/measured")
     assert time[0] == 0.0
     assert time[1] > 3.0
     assert place[0].tolist() == [0.0, 0.0, 0.0]
@@ -197,7 +198,7 @@ def test_windows_are_joined_where_no_position_tells_where_they_begin(tyres_case,
         position_x=np.nan, position_y=np.nan, position_x_model=table["position_x_model"] - begins
     )
     write(tmp_path / "a.rrd", recording.tyres_part(result, {"tyres": table}))
-    time, place, _ = moved(tmp_path / "a.rrd", f"{recording.origin('tyres', run)}/truck/modelled")
+    time, place, _ = moved(tmp_path / "a.rrd", f"{parts.origin('tyres', run)}/truck/modelled")
     steps = np.diff(place[:, 0]) / np.diff(time)
     assert steps.min() > 2.0
     assert steps.max() < 11.0
@@ -206,7 +207,7 @@ def test_windows_are_joined_where_no_position_tells_where_they_begin(tyres_case,
 def test_the_simulated_truck_is_counted_from_the_same_place(driven, tyres_case):
     run = tyre_case.RUNS[0]
     rows = tyres_case[1]["tyres"].query("run == @run")
-    _, place, _ = moved(driven, f"{recording.origin('tyres', run)}/truck/modelled")
+    _, place, _ = moved(driven, f"{parts.origin('tyres', run)}/truck/modelled")
     first = rows["position_x_model"].iloc[0] - rows["position_x"].dropna().iloc[0]
     assert place[0, 0] == pytest.approx(first, abs=1e-5)
 
@@ -214,7 +215,7 @@ def test_the_simulated_truck_is_counted_from_the_same_place(driven, tyres_case):
 def test_the_front_wheels_turn_with_the_steering_at_their_own_places(driven, tyres_case):
     run = tyre_case.RUNS[0]
     rows = tyres_case[1]["tyres"].query("run == @run")
-    time, place, angle = moved(driven, f"{recording.origin('tyres', run)}/truck/measured/front_left")
+    time, place, angle = moved(driven, f"{parts.origin('tyres', run)}/truck/measured/front_left")
     np.testing.assert_allclose(angle, np.interp(time, rows["time"], rows["road_wheel_angle"]), atol=1e-5)
     front_of_rear_axle = tyre_case.FRONT + tyre_case.REAR
     np.testing.assert_allclose(place, np.tile([front_of_rear_axle, 1.0, 0.0], (time.size, 1)), atol=1e-5)
@@ -223,7 +224,7 @@ def test_the_front_wheels_turn_with_the_steering_at_their_own_places(driven, tyr
 def test_every_signal_is_there_measured_simulated_and_what_is_left(driven, tyres_case):
     found = columns(driven)
     for run, rows in tyres_case[1]["tyres"].groupby("run"):
-        root = recording.origin("tyres", run)
+        root = parts.origin("tyres", run)
         known = rows.dropna(subset="lateral_velocity")
         for role, expected in (
             ("measured", known["lateral_velocity"]),

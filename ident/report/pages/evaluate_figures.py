@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -31,8 +31,9 @@ from ident.report.tyre_parameters import SHORT_SIGNALS, signal_head, signal_unit
 from ident.results import AccelerationBand, Error, EvaluatedModel, EvaluateResult
 
 TIME_OF_RUN = "time since the start of the run [s]"
-LEAD_HEIGHT = 195
-BINS_LEAD, BINS_RUN, BINS_ALL, FEWEST_BINS = 350, 700, 3000, 100
+LEAD_HEIGHT = 250
+LEAD_TICKS = (5, 6)
+BINS_LEAD, BINS_RUN, BINS_ALL, FEWEST_BINS = 250, 700, 3000, 100
 """Bins of a line on the first screen, of a whole run, of all runs together; at least so many."""
 SIGNAL_HEIGHT = 170
 CELLS = (400, 300)
@@ -49,7 +50,7 @@ def lead_figure(result: EvaluateResult, runs: Mapping[str, pd.DataFrame], ranked
     chosen = [("best", ranked[0]), ("worst", ranked[-1])] if len(ranked) > 1 else [("run", r) for r in ranked]
     if shown is not None:
         panels += [_overlay(runs[run], run, rank, shown.name) for rank, run in chosen if run in runs]
-    spec, height = figures.grid(panels, figures.Layout(columns=2, row_height=LEAD_HEIGHT, gap=66))
+    spec, height = figures.grid(panels, figures.Layout(columns=4, row_height=LEAD_HEIGHT, gap=58))
     return Figure(spec, height, "Accuracy and coverage", _lead_caption(result, shown))
 
 
@@ -87,6 +88,7 @@ def _cost_panel(result: EvaluateResult) -> figures.Panel:
     return figures.Panel(
         "Accuracy against cost",
         traces,
+        ticks=LEAD_TICKS,
         x="cost [ns/step]",
         y="error over acceptable [–]",
         x_range=_room(costs),
@@ -137,12 +139,24 @@ def _coverage_panel(result: EvaluateResult) -> figures.Panel:
     shown = shown_model(result)
     reach = shown.valid_to if shown else None
     return figures.Panel(
-        "Held-out driving" if reach is None else f"Held-out driving; line: good to {reach:g} m/s²",
+        "Held-out driving" if reach is None else f"Held out; line: good to {reach:g} m/s²",
         traces,
         x="speed [m/s]",
         y="|lateral acceleration| [m/s²]",
-        marks=[] if reach is None else [figures.level(reach, "modelled", along="y", dash="5px,4px")],
+        x_range=_extent(held + training, result.speed_edges),
+        marks=[] if reach is None else [{**_reach(reach), "layer": "above"}],
+        ticks=LEAD_TICKS,
     )
+
+
+def _reach(acceleration: float) -> dict[str, Any]:
+    return figures.level(acceleration, "modelled", along="y", dash="5px,4px")
+
+
+def _extent(seconds: Array, edges: Sequence[float]) -> tuple[float, float] | None:
+    """Give the range of speeds that were driven."""
+    driven = np.flatnonzero(seconds.sum(axis=1) > 0) if seconds.size else np.empty(0, np.int64)
+    return (edges[int(driven[0])], edges[int(driven[-1]) + 1]) if driven.size else None
 
 
 def coverage_of(result: EvaluateResult) -> tuple[Array, Array]:
@@ -164,7 +178,7 @@ def coverage_of(result: EvaluateResult) -> tuple[Array, Array]:
 
 def _overlay(rows: pd.DataFrame, run: str, rank: str, model: str) -> figures.Panel:
     """Draw the yaw rate of a run as measured and as simulated; the path where no yaw rate was measured."""
-    title = f"{rank}: {shorten(run, 44)}"
+    title = f"{rank}: {shorten(run, 26)}"
     compared = signals_of_run.measured_signals(rows, [model])
     if "yaw_rate" not in compared and {"position_x", "position_y"} <= set(compared):
         return figures.Panel(title, path_traces(rows, {model: "modelled"}), x="x from start [m]", y="y [m]")
@@ -178,7 +192,8 @@ def _overlay(rows: pd.DataFrame, run: str, rank: str, model: str) -> figures.Pan
         figures.line(thinned(line, BINS_LEAD), role, name, unit=unit, width=width)
         for role, name, line, width in drawn
     ]
-    return figures.Panel(title, traces, x=TIME_OF_RUN, y=f"{signal.replace('_', ' ')} [{unit}]")
+    y = f"{signal.replace('_', ' ')} [{unit}]"
+    return figures.Panel(title, traces, x="time in the run [s]", y=y, ticks=LEAD_TICKS)
 
 
 def _short(signal: str) -> str:
@@ -202,8 +217,8 @@ def bands_figure(result: EvaluateResult) -> Figure | None:
         lines,
         "|lateral acceleration| [m/s²]",
         "Errors by lateral acceleration",
-        "RMS error while the lateral acceleration is in a band, drawn at its middle, with 95 % intervals; "
-        "green: the acceptable size.",
+        "RMS error over the shortest windows while the lateral acceleration is in a band, at its middle, "
+        f"with 95 % intervals; green: the acceptable size, over windows of {STANDARD}.",
     )
 
 
