@@ -202,7 +202,7 @@ STAGES: dict[str, Stage] = {
         title="Evaluation",
         needs=("tyres",),
         helped_by=("steering",),
-        settings=("evaluate", "tyres", "split"),
+        settings=("evaluate", "split"),
         reads=_against,
         unmet=_unmet,
     ),

@@ -14,8 +14,10 @@ from ruamel.yaml import YAML
 
 from ident.model_file import Model, SignalNoise, SteeringPart, Value, model_text
 from ident.pipeline.schema import main, schema_text, schemas
-from ident.pipeline.store import RESULTS, Store
+from ident.pipeline.seal import MadeFrom
+from ident.pipeline.store import RESULTS, Store, result_text
 from ident.results import SCHEMA_VERSION
+from ident.stages.output import StageOutput
 
 FOLDER = Path(__file__).parents[2] / "docs" / "schema"
 PLAIN = {float: 0.1 + 0.2, int: 7, bool: True, str: "<b> µ"}
@@ -64,15 +66,15 @@ def test_the_command_writes_them(tmp_path: Path) -> None:
 def test_a_result_keeps_its_schema_and_is_read_back_as_it_was(tmp_path: Path, stage: str, full: bool) -> None:
     store = Store(tmp_path)
     result = example(RESULTS[stage], full)
-    path = store.write_result(stage, result)
+    store.save(stage, StageOutput(result), MadeFrom("1"))
+    path = store.result_path(stage)
     validator(stage).validate(json.loads(path.read_text(encoding="utf-8")))
     assert store.read_result(stage) == result
 
 
 @pytest.mark.parametrize("stage", RESULTS)
-def test_a_schema_refuses_what_the_class_does_not_have(tmp_path: Path, stage: str) -> None:
-    path = Store(tmp_path).write_result(stage, example(RESULTS[stage], full=True))
-    data = json.loads(path.read_text(encoding="utf-8"))
+def test_a_schema_refuses_what_the_class_does_not_have(stage: str) -> None:
+    data = json.loads(result_text(example(RESULTS[stage], full=True)))
     assert not validator(stage).is_valid({key: value for key, value in data.items() if key != "warnings"})
     assert not validator(stage).is_valid({**data, "warnings": "none"})
     assert not validator(stage).is_valid({**data, "runs": [{}]})

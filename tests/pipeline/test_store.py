@@ -3,7 +3,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import stat
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,12 +10,15 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from ident.errors import BadRecipe, UsageError
+from ident.errors import BadRecipe
 from ident.model_file import Model
-from ident.pipeline.store import Store, atomic, name_of, output_folder, plain
+from ident.pipeline.seal import MadeFrom
+from ident.pipeline.store import Store
 from ident.results import SCHEMA_VERSION, Damage, Gap, InfoResult, Provenance, Refusal, RunHealth, TopicHealth
+from ident.stages.output import StageOutput
 
 PROVENANCE = Provenance("0.1.0", "ident info logs", 1, "2026-01-02T03:04:05+00:00")
+MADE_FROM = MadeFrom("0.1.0 abc", {"run: a.mcap": "12"}, {"seed": 1}, {"tyres": None})
 
 
 def an_info(**changes: Any) -> InfoResult:
@@ -46,15 +48,27 @@ def a_part(dead_time: float) -> dict[str, Any]:
     }
 
 
+def save(folder: Path, result: InfoResult | None = None, stage: str = "info", **more: Any) -> Store:
+    store = Store(folder)
+    store.save(stage, StageOutput(result or an_info(), **more), MADE_FROM)
+    return store
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+
+
 def test_reads_a_result_back_into_its_class(tmp_path: Path) -> None:
-    store = Store(tmp_path / "new" / "folder")
-    path = store.write_result("info", an_info())
-    assert path == tmp_path / "new" / "folder" / "info.json"
+    store = save(tmp_path / "new" / "folder")
+    assert store.result_path("info") == tmp_path / "new" / "folder" / "info.json"
     assert store.read_result("info") == an_info()
+    seal = store.seals.read("info")
+    assert seal is not None
+    assert seal.made_from == MADE_FROM
 
 
 def test_json_holds_what_is_missing_as_null_and_keeps_the_order_of_the_class(tmp_path: Path) -> None:
-    path = Store(tmp_path).write_result("info", an_info())
+    path = save(tmp_path).result_path("info")
     data = json.loads(path.read_text(encoding="utf-8"))
     assert list(data) == ["schema_version", "provenance", "runs", "unreadable", "warnings"]
     assert data["runs"][0]["damage"] == [
@@ -63,184 +77,134 @@ def test_json_holds_what_is_missing_as_null_and_keeps_the_order_of_the_class(tmp
 
 
 def test_equal_results_are_equal_files(tmp_path: Path) -> None:
-    first = Store(tmp_path / "a").write_result("info", an_info()).read_bytes()
-    assert Store(tmp_path / "b").write_result("info", an_info()).read_bytes() == first
+    first, second = (save(tmp_path / name) for name in "ab")
+    assert first.result_path("info").read_bytes() == second.result_path("info").read_bytes()
+    assert first.seals.digest("info") == second.seals.digest("info") is not None
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_refuses_a_number_that_json_does_not_have_and_names_its_place(tmp_path: Path, bad: float) -> None:
     run = replace(an_info().runs[0], duration=bad)
     with pytest.raises(ValueError, match=r"^runs\[0\]\.duration is -?(nan|inf), need a finite number"):
-        Store(tmp_path).write_result("info", an_info(runs=[run]))
+        save(tmp_path, an_info(runs=[run]))
     assert list(tmp_path.iterdir()) == []
 
 
 def test_writes_text_that_is_not_unicode_so_that_it_can_be_read(tmp_path: Path) -> None:
-    store = Store(tmp_path)
-    store.write_result("info", an_info(warnings=[os.fsdecode(b"run_\xff"), "winkel µ°"]))
+    store = save(tmp_path, an_info(warnings=[os.fsdecode(b"run_\xff"), "winkel µ°"]))
     read = store.read_result("info")
     assert read is not None
     assert read.warnings == ["run_\\udcff", "winkel µ°"]
 
 
 def test_has_no_result_before_one_is_written_nor_of_another_version(tmp_path: Path) -> None:
-    store = Store(tmp_path)
-    assert store.read_result("info") is None
-    store.write_result("info", an_info(schema_version="0"))
-    assert store.read_result("info") is None
+    assert Store(tmp_path).read_result("info") is None
+    assert save(tmp_path, an_info(schema_version="0")).read_result("info") is None
 
 
-@pytest.mark.parametrize("text", ["{", "[]", '{"schema_version": "1"}'])
-def test_refuses_a_result_that_is_not_whole(tmp_path: Path, text: str) -> None:
-    (tmp_path / "info.json").write_text(text, encoding="utf-8")
-    with pytest.raises(BadRecipe, match=r"info\.json: is not a result of ident: remove it"):
-        Store(tmp_path).read_result("info")
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"schema_version": "1"}'])
+def test_what_was_changed_afterwards_is_no_result(tmp_path: Path, text: str) -> None:
+    store = save(tmp_path)
+    store.result_path("info").write_text(text, encoding="utf-8")
+    assert store.read_result("info") is None
+    assert store.seals.is_broken("info")
+
+
+def test_a_result_that_nothing_seals_is_none(tmp_path: Path) -> None:
+    store = save(tmp_path)
+    store.seals.remove("info")
+    assert store.result_path("info").is_file()
+    assert store.read_result("info") is None
+    assert not store.seals.is_broken("info")
 
 
 def test_reads_tables_back(tmp_path: Path) -> None:
     table = pd.DataFrame({"run": ["a", "<b>"], "time": [0.0, math.nan], "used": [True, False]})
-    store = Store(tmp_path)
-    store.write_tables({"steering": table})
-    assert sorted(path.name for path in (tmp_path / "signals").iterdir()) == ["steering.parquet"]
-    read = store.read_tables(["steering", "absent"])
+    store = save(tmp_path, tables={"steering": table})
+    assert names(tmp_path) == [".ident/info.json", "info.json", "signals/steering.parquet"]
+    read = store.read_tables("info", ["steering", "absent"])
     assert list(read) == ["steering"]
     pd.testing.assert_frame_equal(read["steering"], table)
 
 
+def test_a_table_that_was_changed_takes_its_result_with_it(tmp_path: Path) -> None:
+    store = save(tmp_path, tables={"steering": pd.DataFrame({"time": [0.0]})})
+    store.table_path("steering").unlink()
+    assert store.read_result("info") is None
+
+
+def test_a_table_that_is_not_made_again_is_removed_and_a_foreign_one_is_not_read(tmp_path: Path) -> None:
+    table = pd.DataFrame({"time": [0.0]})
+    save(tmp_path, tables={"old": table})
+    store = save(tmp_path, tables={"new": table})
+    table.to_parquet(store.table_path("foreign"))
+    assert list(store.read_tables("info", ["old", "new", "foreign"])) == ["new"]
+    assert names(tmp_path / "signals") == ["foreign.parquet", "new.parquet"]
+
+
 def test_refuses_a_table_name_that_could_leave_the_folder(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"table name '\.\./x'"):
-        Store(tmp_path).write_tables({"../x": pd.DataFrame()})
+        save(tmp_path, tables={"../x": pd.DataFrame()})
+    assert list(tmp_path.iterdir()) == []
 
 
-def test_the_model_keeps_what_another_stage_wrote(tmp_path: Path) -> None:
+def test_the_model_is_put_together_from_what_is_sealed(tmp_path: Path) -> None:
     store = Store(tmp_path)
     assert store.read_model() == Model()
-    store.write_model("other", {"noise": {"yaw_rate": {"std": 0.01}}}, PROVENANCE)
-    store.write_model("steering", a_part(0.1), PROVENANCE)
-    store.write_model("steering", a_part(0.2), replace(PROVENANCE, seed=2))
+    save(tmp_path, stage="steering", model=a_part(0.1))
+    save(tmp_path, model={"noise": {"yaw_rate": {"std": 0.01}}})
+    save(tmp_path, an_info(provenance=replace(PROVENANCE, seed=2)), stage="steering", model=a_part(0.2))
     model = store.read_model()
     assert model.steering is not None
     assert model.steering.dead_time.value == 0.2
     assert model.noise["yaw_rate"].std == 0.01
-    assert {stage: written.seed for stage, written in model.provenance.items()} == {"other": 1, "steering": 2}
+    assert {stage: written.seed for stage, written in model.provenance.items()} == {"info": 1, "steering": 2}
 
 
-def test_parameters_of_other_parts_stay_beside_those_of_a_stage(tmp_path: Path) -> None:
-    store = Store(tmp_path)
-    store.write_model("steering", a_part(0.1) | {"noise": {"steering_wheel_angle": {"std": 0.1}}}, PROVENANCE)
-    before = store.read_model()
-    value = {"value": 1.0, "std": 2.0, "unit": "1"}
-    tyres = {
-        "tyres": {"kind": "linear", "front": {"a": value}, "rear": {"b": value}},
-        "parameters": ["tyres.front.a", "tyres.rear.b"],
-        "covariance": [[4.0, 1.0], [1.0, 4.0]],
-        "noise": {"yaw_rate": {"std": 0.01}},
-    }
-    for part in (tyres | {"parameters": ["tyres.front.old"], "covariance": [[9.0]]}, tyres):
-        store.write_model("tyres", part, PROVENANCE)
-    model = store.read_model()
-    assert model.steering == before.steering
-    assert list(model.noise) == ["steering_wheel_angle", "yaw_rate"]
-    assert model.parameters == [*before.parameters, "tyres.front.a", "tyres.rear.b"]
-    size = len(before.parameters)
-    assert [row[:size] for row in model.covariance[:size]] == before.covariance
-    assert [row[size:] for row in model.covariance[size:]] == [[4.0, 1.0], [1.0, 4.0]]
-    assert [row[size:] for row in model.covariance[:size]] == [[0.0, 0.0]] * size
-    store.write_model("steering", a_part(0.2), PROVENANCE)
-    assert store.read_model().parameters == ["tyres.front.a", "tyres.rear.b", *before.parameters]
+def test_the_model_does_not_depend_on_the_order_in_which_stages_were_run(tmp_path: Path) -> None:
+    tyres = {"noise": {"yaw_rate": {"std": 0.01}}, "parameters": ["a"], "covariance": [[1.0]]}
+    stages = {"steering": a_part(0.1), "tyres": tyres}
+    for folder, order in (("a", list(stages)), ("b", list(reversed(stages)))):
+        for stage in order:
+            save(tmp_path / folder, stage=stage, model=stages[stage])
+    assert (tmp_path / "a" / "model.yaml").read_bytes() == (tmp_path / "b" / "model.yaml").read_bytes()
+
+
+def test_a_model_that_was_edited_is_put_together_again(tmp_path: Path) -> None:
+    store = save(tmp_path, stage="steering", model=a_part(0.1))
+    written = store.model_path.read_bytes()
+    store.model_path.write_text("edited: true", encoding="utf-8")
+    store.write_model()
+    assert store.model_path.read_bytes() == written
 
 
 def test_refuses_to_write_a_model_that_could_not_be_read(tmp_path: Path) -> None:
     with pytest.raises(BadRecipe, match="model of steering: covariance has rows"):
-        Store(tmp_path).write_model("steering", a_part(0.1) | {"parameters": []}, PROVENANCE)
+        save(tmp_path, stage="steering", model=a_part(0.1) | {"parameters": []})
     with pytest.raises(ValueError, match=r"steering\.gain\.value is nan"):
-        Store(tmp_path).write_model("steering", a_part(math.nan), PROVENANCE)
+        save(tmp_path, stage="steering", model=a_part(math.nan))
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_interrupted_write_leaves_the_old_file(tmp_path: Path) -> None:
-    path = tmp_path / "a.json"
-    path.write_text("old", encoding="utf-8")
-
-    def write_half() -> None:
-        with atomic(path) as temporary:
-            temporary.write_text("ne", encoding="utf-8")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        write_half()
-    assert path.read_text(encoding="utf-8") == "old"
-    assert list(tmp_path.iterdir()) == [path]
+def test_a_refusal_is_kept_and_removes_what_was_made_of_other_data(tmp_path: Path) -> None:
+    store = save(
+        tmp_path, stage="steering", model=a_part(0.1), tables={"steering": pd.DataFrame({"time": [0.0]})}
+    )
+    store.refuse("steering", "no steps", MADE_FROM)
+    assert names(tmp_path) == [".ident/steering.json"]
+    assert store.read_result("steering") is None
+    seal = store.seals.read("steering")
+    assert seal is not None
+    assert seal.refused == "no steps"
 
 
-def test_a_written_file_has_the_usual_permissions(tmp_path: Path) -> None:
-    (tmp_path / "usual").touch()
-    usual = stat.S_IMODE((tmp_path / "usual").stat().st_mode)
-    path = Store(tmp_path).write_result("info", an_info())
-    assert stat.S_IMODE(path.stat().st_mode) == usual
-
-
-def test_says_why_a_folder_cannot_be_written(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(UsageError, match=r"cannot write .*info\.json: File exists: give another folder"):
-        Store(tmp_path / "file").write_result("info", an_info())
-
-
-def test_plain_gives_only_what_json_has() -> None:
-    assert plain({"a": (1, 2.5, None, True, Gap(0.0, 1.0))}) == {
-        "a": [1, 2.5, None, True, {"start": 0.0, "seconds": 1.0}]
-    }
-
-
-# --- where the outputs go ----------------------------------------------------------------------------
-
-
-@pytest.fixture
-def logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    folder = tmp_path / "my.logs"
-    (folder / "run_a").mkdir(parents=True)
-    (folder / "run_a" / "metadata.yaml").touch()
-    (folder / "run_a" / "run_a_0.mcap").touch()
-    (folder / "single.mcap").touch()
-    monkeypatch.chdir(tmp_path)
-    return folder
-
-
-def test_outputs_are_named_after_the_logs(logs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert output_folder(None, [logs]) == Path("reports/my.logs")
-    assert output_folder(None, [logs / "single.mcap"]) == Path("reports/single")
-    assert output_folder(None, [logs / "run_a", logs / "single.mcap"]) == Path("reports/run_a_and_1_more")
-    assert name_of([Path("/")]) == "logs"
-    monkeypatch.chdir(logs)
-    assert output_folder(None, [Path()]) == Path("reports/my.logs")
-
-
-@pytest.mark.parametrize("out", ["my.logs", "my.logs/run_a", "my.logs/../my.logs"])
-def test_refuses_to_write_beside_the_logs(logs: Path, out: str) -> None:
-    for given in ([logs], [logs / "run_a"], [logs / "single.mcap"]):
-        with pytest.raises(UsageError, match="would lie beside the logs in"):
-            output_folder(Path(out), given)
-
-
-def test_refuses_to_write_into_a_log(logs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(UsageError, match="lies inside the log run_a: name another folder with --out"):
-        output_folder(logs / "run_a" / "deep" / "report", [logs])
-    monkeypatch.chdir(logs / "run_a")
-    with pytest.raises(UsageError, match="lies inside the log run_a"):
-        output_folder(None, [Path()])
-
-
-def test_refuses_to_replace_what_it_has_not_written(logs: Path) -> None:
-    site = logs.parent / "site"
-    site.mkdir()
-    (site / "index.html").touch()
-    with pytest.raises(UsageError, match=r"holds another index\.html: name a new or empty folder"):
-        output_folder(site, [logs])
-    (site / "info.json").touch()
-    assert output_folder(site, [logs]) == site
-
-
-def test_refuses_a_file_as_folder(logs: Path) -> None:
-    (logs.parent / "notes").touch()
-    with pytest.raises(UsageError, match="is a file: name a folder"):
-        output_folder(Path("notes"), [logs])
+def test_a_seal_never_reaches_out_of_the_folder(tmp_path: Path) -> None:
+    (tmp_path / "precious.json").write_text("{}", encoding="utf-8")
+    store = save(tmp_path / "out")
+    path = store.seals.path("info")
+    path.write_text(
+        path.read_text(encoding="utf-8").replace("info.json", "../precious.json"), encoding="utf-8"
+    )
+    assert store.seals.files("info") == []
+    store.refuse("info", "no", MADE_FROM)
+    assert (tmp_path / "precious.json").is_file()
