@@ -11,8 +11,7 @@ acceleration of less than ``STEADY`` (by v² δ/L), and the speed changed by les
 left of the transient goes into c. The steering of tyres that are not linear is δ = ... + K_3 (v r)³: the
 linear range ends where that is ``DEPARTURE`` of the linear steering (L/v² + K) v r.
 
-Standard errors are those of the sandwich over blocks of ``BLOCK`` seconds, whatever the colour of what is
-left (Cameron and Miller 2015, doi:10.3368/jhr.50.2.317), with Student's t.
+Standard errors are those of the sandwich over blocks of ``BLOCK`` seconds.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.stats import t
 
+from ident.estimation.sandwich import coefficient
 from ident.estimation.smooth_motion import SmoothMotion, smooth_motion
 from ident.estimation.tyre_fit import Body
 from ident.estimation.vehicle_records import MotionRecord, Samples
@@ -38,8 +38,9 @@ STEADY, STEADY_SPEED = 0.6, 0.5  # [m/s²], [m/s]
 LEAST_SPEED = 3.0  # [m/s]
 SMALL = 0.15  # [rad]: with slip, atan(L r/v) is wrong by (L r/v)² times the slip angle
 LINEAR = 2.0  # [m/s²] up to which the gradient is that of the linear range
-LEAST_SPAN = 1.0  # [m/s²] of the lateral acceleration, without one in fifty at either end
-LEAST_CORRELATION = 0.95  # of steering and yaw rate over speed
+LEAST_SPAN = 1.0  # [m/s²] of the lateral acceleration, without ``APART`` at either end
+APART = 1.0  # [s]
+LEAST_CORRELATION = 0.9  # of steering and yaw rate over speed
 LEAST_SECONDS = 5.0
 BLOCK = 2.5  # [s]
 FEWEST_BLOCKS = 6
@@ -218,7 +219,7 @@ def understeer_gradient(states: SteadyStates, wheelbase: float) -> Estimate:
         return unknown("rad s^2/m", reason)
     needed = own.angle - np.arctan(wheelbase * own.yaw_rate / own.speed)
     columns = np.column_stack([np.ones(needed.size), own.lateral_acceleration, own.yaw_acceleration])
-    value, std, freedom = _regressed(needed, columns, own.block, 1)
+    value, std, freedom = coefficient(needed, columns, own.block, 1)
     return estimate(value, std, "rad s^2/m", freedom)
 
 
@@ -230,8 +231,8 @@ def end_of_linear_range(states: SteadyStates, wheelbase: float) -> Estimate:
     size = states.lateral_acceleration
     needed = states.angle - np.arctan(wheelbase * states.yaw_rate / states.speed)
     columns = np.column_stack([np.ones(size.size), size, states.yaw_acceleration, size**3])
-    linear, _, _ = _regressed(needed, columns, states.block, 1)
-    cubic, std, freedom = _regressed(needed, columns, states.block, 3)
+    linear, _, _ = coefficient(needed, columns, states.block, 1)
+    cubic, std, freedom = coefficient(needed, columns, states.block, 3)
     most = float(np.quantile(np.abs(size), 0.99))
     per_acceleration = wheelbase / float(np.median(states.speed)) ** 2 + linear
     end = np.sqrt(DEPARTURE * abs(per_acceleration / cubic)) if cubic else np.inf
@@ -262,7 +263,7 @@ def yaw_rate_gain(states: SteadyStates, wheelbase: float, speed: float) -> Estim
     gradient = understeer_gradient(states, wheelbase).value or 0.0
     scale = (speed / (wheelbase + gradient * speed**2)) / (own.speed / (wheelbase + gradient * own.speed**2))
     columns = np.column_stack([np.ones(own.speed.size), own.yaw_rate * scale, own.yaw_acceleration])
-    inverse, std, freedom = _regressed(own.angle, columns, own.block, 1)
+    inverse, std, freedom = coefficient(own.angle, columns, own.block, 1)
     return estimate(1 / inverse, std / inverse**2, "1/s", freedom)
 
 
@@ -279,7 +280,8 @@ def _why_not(states: SteadyStates) -> str | None:
             f"{states.seconds:.1f} s of nearly steady cornering in {blocks} blocks, need {LEAST_SECONDS:g} s "
             f"in {FEWEST_BLOCKS}: drive circles or slow ramps of the steering"
         )
-    span = float(np.ptp(np.quantile(states.lateral_acceleration, [0.02, 0.98])))
+    apart = min(0.25, APART / states.seconds)
+    span = float(np.ptp(np.quantile(states.lateral_acceleration, [apart, 1 - apart])))
     if span < LEAST_SPAN:
         return (
             f"in steady cornering the lateral acceleration spans {span:.2f} m/s², need {LEAST_SPAN:g} m/s²: "
@@ -292,22 +294,6 @@ def _why_not(states: SteadyStates) -> str | None:
             f"need {LEAST_CORRELATION:g}: drive tighter or longer circles"
         )
     return None
-
-
-def _regressed(
-    values: Array, columns: Array, block: NDArray[np.intp], wanted: int
-) -> tuple[float, float, int]:
-    """One coefficient of a least-squares fit, its standard error, and the degrees of freedom."""
-    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    inverse = np.linalg.pinv(columns / scale)
-    solution = inverse @ values
-    rest = values - columns / scale @ solution
-    _, own = np.unique(block, return_inverse=True)
-    count = int(own.max()) + 1
-    influence = np.bincount(own, inverse[wanted] * rest, count)
-    freedom = max(1, count - columns.shape[1])
-    std = float(np.sqrt(influence @ influence * count / freedom))
-    return float(solution[wanted] / scale[wanted]), std / float(scale[wanted]), freedom
 
 
 def estimate(value: float, std: float, unit: str, freedom: float) -> Estimate:
