@@ -71,7 +71,8 @@ def smooth_motion(
 
     Parameters
     ----------
-    bias : signal -> what is subtracted from it; "steering_offset" -> what is added to the road-wheel angle
+    bias : signal -> what is subtracted from it; "steering_offset" -> what is added to the road-wheel angle;
+        "lateral_velocity_by_speed" -> what, times the speed, is subtracted from the lateral velocity
 
     Notes
     -----
@@ -154,7 +155,8 @@ class _Smoother:
         arm = self.record.reference_x * yaw_rate
         found = self.get("lateral_velocity")
         if found is not None:
-            return found[0] - arm, MEASURED
+            turned = self.bias.get("lateral_velocity_by_speed", 0.0)
+            return found[0] - arm - turned * self._smooth(self.record.speed, 2, 0), MEASURED
         if "lateral_acceleration" in self.record.measured:
             return None, INTEGRAL
         known = self.known.copy()

@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 Z = float(norm.ppf(0.975))
 IDENTIFIED, WEAK = 0.1, 0.5  # relative standard errors
+FAR = 3.0  # standard deviations of the prior
 OWN_SHARE = 0.5  # of the prior's standard deviation: above, the data add little to it
 FIXED = ("mass", "cg_to_front_axle", "cg_to_rear_axle", STEERING_RATIO)
 REACH = 1.6  # of the excited slip angle, up to which curves are drawn
@@ -111,7 +112,7 @@ def _estimate(one: Coordinate, at: float, std: float, excited: Mapping[str, Sequ
     value = one.value(at)
     unit = _unit(one.name)
     size = std * (value if one.logarithmic else 1.0)
-    status, reason = _status(one, std, excited)
+    status, reason = _status(one, at, std, excited)
     if status == "not_identifiable":
         return Estimate(value, float(size), None, None, unit, status, reason)
     ends = [one.value(at + z * std) for z in (-Z, Z)]
@@ -125,7 +126,9 @@ def _unit(name: str) -> str:
     return next(p.unit for kind in TYRES.values() for p in kind.parameters if p.name == own)
 
 
-def _status(one: Coordinate, std: float, excited: Mapping[str, Sequence[float]]) -> tuple[Status, str | None]:
+def _status(
+    one: Coordinate, at: float, std: float, excited: Mapping[str, Sequence[float]]
+) -> tuple[Status, str | None]:
     """Verdict on one parameter, and the reason where it is not identified."""
     axle, _, own = one.name.partition(".")
     if one.name in ("steering_offset", "reference_x"):
@@ -138,6 +141,11 @@ def _status(one: Coordinate, std: float, excited: Mapping[str, Sequence[float]])
     if held or relative > WEAK:
         usual = one.value(one.prior_mean)
         near = f", held near the usual {usual:.3g}" if np.isfinite(one.prior_std) else ""
+        if held and abs(at - one.prior_mean) > FAR * one.prior_std:
+            near = (
+                f", and draws it far from the usual {usual:.3g}: something that the model lacks makes the "
+                "axle stiffer where it slips most, such as downforce at speed"
+            )
         return "not_identifiable", f"the data do not tell it{near}: {what}"
     return "weak", f"known to {100 * relative:.0f} %: {what}"
 

@@ -14,8 +14,9 @@ measured steering and speed, which are inputs, do not pile up in heading and pos
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,8 @@ AXLES = ("front", "rear")
 SENSOR_BIAS = {"yaw_rate": 0.02, "lateral_acceleration": 0.5, "lateral_velocity": 0.2, "heading": 0.1}
 STEERING_OFFSET = 0.03  # [rad] standard deviation of the prior
 BANK = {"bank_cos": 0.05, "bank_sin": 0.05}
-BANK_CALLED_FOR = 1e-4  # p-value below which the bank joins the model
+CALLED_FOR = 1e-4  # p-value below which a bank, or a turned sensor, joins the model
+MISALIGNED = RunTerm("lateral_velocity_by_speed", 0.02, by_speed_to="lateral_velocity")
 TURNED = np.pi / 2  # [rad] of heading in a run, below which a bank and a bias of the accelerometer are alike
 AT_REFERENCE = ("lateral_velocity", "position_x")
 REFERENCE = 0.5  # of the wheelbase: standard deviation of the prior of a reference point that nobody states
@@ -150,6 +152,7 @@ def fit_tyres(
     noise: Mapping[str, NoiseModel] | None = None,
     window: float = WINDOW,
     bank: bool | None = None,
+    misaligned: bool | None = None,
 ) -> KindFit:
     """Fit one kind of tyres, the same on both axles.
 
@@ -162,20 +165,13 @@ def fit_tyres(
     noise : of every compared signal, where it is given and not identified
     window : about how long each is [s]
     bank : whether the bank of the road is fitted; None: where the data call for it
+    misaligned : whether the lateral velocity may hold a share of the speed, as a sensor that is turned
+        measures it; None: where the data call for it, and never where the bank is given
     """
-    turned = _turned(records)
-    if bank is None and not turned:
-        bank = False
     if bank is None:
-        plain = fit_tyres(records, kind, body, starts, floor=floor, noise=noise, window=window, bank=False)
-        p = _p_of_bank(plain)
-        found = replace(plain, bank_p=p)
-        if p < BANK_CALLED_FOR:
-            here = [dict(plain.parameters)]
-            found = fit_tyres(records, kind, body, here, floor=floor, noise=noise, window=window, bank=True)
-            found = replace(found, bank_p=p)
-        return found
-    problem = _problem(records, kind, body, window, bank=bank)
+        extended = partial(fit_tyres, records, kind, body, floor=floor, noise=noise, window=window)
+        return _extended(extended, starts, records)
+    problem = _problem(records, kind, body, window, bank=bank, misaligned=bool(misaligned))
     coordinates = [_to_coordinates(problem, start) for start in starts]
     if kind == "piecewise_linear":
         coordinates += _kinked(problem, coordinates[0])
@@ -183,13 +179,33 @@ def fit_tyres(
     return KindFit(kind, body, problem, fit, window, bank, 1.0)
 
 
+def _extended(
+    fit: Callable[..., KindFit], starts: Sequence[Mapping[str, float]], records: Sequence[MotionRecord]
+) -> KindFit:
+    """Fit without bank and misalignment, and again with those for which the data call."""
+    plain = fit(starts, bank=False)
+    p_bank = _p_of(plain, _bank_terms(records), dict.fromkeys(BANK, 0.0)) if _turned(records) else 1.0
+    there = "lateral_velocity" in plain.problem.compared
+    p_misaligned = _p_of(plain, [MISALIGNED], {}) if there else 1.0
+    if min(p_bank, p_misaligned) > CALLED_FOR:
+        return replace(plain, bank_p=p_bank)
+    here = dict(plain.parameters)
+    found = fit(
+        [here, *starts] if p_misaligned < CALLED_FOR else [here],
+        bank=p_bank < CALLED_FOR,
+        misaligned=p_misaligned < CALLED_FOR,
+    )
+    return replace(found, bank_p=p_bank)
+
+
 def _problem(
-    records: Sequence[MotionRecord], kind: str, body: Body, window: float, *, bank: bool
+    records: Sequence[MotionRecord], kind: str, body: Body, window: float, *, bank: bool, misaligned: bool
 ) -> VehicleProblem:
     windows = Windows([part for record in records for part in cut(record, window)])
     given = ("mass", "cg_to_front_axle", "cg_to_rear_axle")
     fixed = {name: float(getattr(body, name)) for name in given}
     terms = [RunTerm(name, std) for name, std in SENSOR_BIAS.items()]
+    terms += [MISALIGNED] if misaligned else []
     if bank:
         terms += _bank_terms(records)
     else:
@@ -286,17 +302,19 @@ def _kinked(problem: VehicleProblem, start: Array) -> list[Array]:
     return made
 
 
-def _p_of_bank(found: KindFit) -> float:
-    """p-value of the hypothesis that no run has a bank, by the score at zero bank (all runs together)."""
-    records = found.problem.windows.records
+def _p_of(found: KindFit, extra: Sequence[RunTerm], no_more_fixed: Mapping[str, float]) -> float:
+    """p-value of the hypothesis that no run has these terms, by the score at zero (all runs together).
+
+    no_more_fixed : parameters of the model that the terms take the place of
+    """
     plain = found.problem
-    terms = [*plain.run_terms, *_bank_terms(records)]
-    fixed = {name: value for name, value in plain.fixed.items() if name not in BANK}
-    wider = VehicleProblem(plain.engine, Windows(records), plain.coordinates, fixed, terms)
-    of_runs = np.pad(found.fit.point.of_runs, ((0, 0), (0, len(BANK))))
+    fixed = {name: value for name, value in plain.fixed.items() if name not in no_more_fixed}
+    terms = [*plain.run_terms, *extra]
+    wider = VehicleProblem(plain.engine, Windows(plain.windows.records), plain.coordinates, fixed, terms)
+    of_runs = np.pad(found.fit.point.of_runs, ((0, 0), (0, len(extra))))
     point = replace(found.fit.point, problem=wider, of_runs=of_runs)
     gained = _left(found.fit.point) - _left(point)
-    freedom = len(BANK) * len(_turned(records))
+    freedom = sum(wider.windows.runs if term.only is None else len(term.only) for term in extra)
     return float(chi2.sf(max(gained, 0.0) / inflation(found.fit), freedom))
 
 

@@ -72,11 +72,13 @@ class RunTerm:
 
     name : of the measured signal to which it is added (a bias), or of a parameter of the model
     only : runs that have it, None: all; in the others it is zero
+    by_speed_to : measured signal to which it is added times the speed, None: as ``name`` says
     """
 
     name: str
     prior_std: float
     only: frozenset[int] | None = None
+    by_speed_to: str | None = None
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,7 @@ class VehicleProblem:
         self.coordinates = list(coordinates)
         self.fixed = dict(fixed)
         there = {*windows.signals, *engine.parameters}
-        self.run_terms = [term for term in run_terms if term.name in there]
+        self.run_terms = [term for term in run_terms if (term.by_speed_to or term.name) in there]
         self.states = len(engine.states)
         self._inner = [i for i, term in enumerate(self.run_terms) if term.name in engine.parameters]
         self.active = [
@@ -307,9 +309,10 @@ class VehicleProblem:
         own = np.zeros((len(at), len(self.run_terms)))
         own[:, self._inner] = by_parameter[:, : len(self._inner)]
         for number, term in enumerate(self.run_terms):
-            if term.name == name:
-                own[:, number] = 1.0
-                model = model + of_runs[self.windows.run[samples.window], number]
+            if name in (term.name, term.by_speed_to):
+                times = 1.0 if term.by_speed_to is None else samples.at(self.windows.inputs[:, 1:2])[:, 0]
+                own[:, number] = times
+                model = model + times * of_runs[self.windows.run[samples.window], number]
         anchors = np.zeros((len(at), self.anchors))
         by_shared = by_parameter[:, len(self._inner) :] * slopes
         return Residuals(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from ident.estimation.tyre_fit import BANK, SENSOR_BIAS, KindFit
+from ident.estimation.tyre_fit import BANK, MISALIGNED, SENSOR_BIAS, KindFit
 from ident.results import EffectEstimate, Estimate
 from ident.stages.tyre_data import TyreData
 
@@ -37,6 +37,16 @@ def nuisance(data: TyreData, found: KindFit, covariance: Array) -> list[EffectEs
     return made
 
 
+def told_reference(found: KindFit, covariance: Array) -> list[str]:
+    """Say where the reference point was found, if it was fitted."""
+    if REFERENCE not in found.names:
+        return []
+    where = _reference(found, covariance).parameters["x"]
+    told = f"{where.value:.2f} ± {Z * (where.std or 0.0):.2f} m ahead of the CG"
+    point = "the point that lateral velocity and position refer to is stated nowhere and was fitted"
+    return [f"{point}: {told}: state reference_point in vehicle.yaml"]
+
+
 def _reference(found: KindFit, covariance: Array) -> EffectEstimate:
     """Return where the point lies that pose and velocity refer to, which nobody has stated.
 
@@ -61,6 +71,11 @@ def _of_run(number: int, run: str, found: KindFit, covariance: Array, tests: int
         effect, parameter = ("antenna_offset", "heading") if name == "heading" else ("sensor_bias", "bias")
         part = {parameter: (float(values[i]), float(std[i]), unit)}
         made.append(_effect(effect, "M", part, tests, of=name, run=run, held=SENSOR_BIAS[name]))
+    if MISALIGNED.name in terms:
+        i = terms.index(MISALIGNED.name)
+        turned = {"heading": (-float(values[i]), float(std[i]), "rad")}
+        of, held = MISALIGNED.by_speed_to, MISALIGNED.prior_std
+        made.append(_effect("antenna_offset", "M", turned, tests, of=of, run=run, held=held))
     if all(name in terms for name in BANK) and found.problem.has(number, "bank_cos"):
         at = [terms.index(name) for name in BANK]
         parts = {name: (float(values[i]), float(std[i]), "1") for name, i in zip(BANK, at, strict=True)}

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ident.estimation.force_inversion import ForcePoints, invert_forces
-from ident.estimation.tyre_fit import AXLES, WINDOW, KindFit
+from ident.estimation.tyre_fit import AXLES, MISALIGNED, WINDOW, KindFit
 from ident.estimation.vehicle_records import GAP, MotionRecord, Samples, Windows, cut
 from ident.signals.run import Run
 from ident.stages.tyre_data import TyreData
@@ -42,6 +42,8 @@ def _motion(data: TyreData, found: KindFit) -> pd.DataFrame:
     for name in SIGNALS:
         table[name] = measured_on_grid(windows, name)
         table[f"{name}_model"] = columns[name] + biases.get(name, 0.0)
+    if MISALIGNED.name in biases:
+        table["lateral_velocity_model"] += biases[MISALIGNED.name] * windows.inputs[:, 1]
     table |= {"road_wheel_angle": windows.inputs[:, 0], "speed": windows.inputs[:, 1]}
     return pd.DataFrame(table | {name: columns[name] for name in SHOWN})
 

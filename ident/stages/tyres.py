@@ -36,7 +36,7 @@ from ident.stages.inputs import InputSettings, load, provenance
 from ident.stages.output import Context, StageOutput
 from ident.stages.tyre_data import GIVEN, TyreData, fixed_values, tyre_data, without_run
 from ident.stages.tyre_forces import compare_forces
-from ident.stages.tyre_nuisance import nuisance
+from ident.stages.tyre_nuisance import nuisance, told_reference
 from ident.stages.tyre_settings import TyresSettings
 from ident.stages.tyre_tables import tyre_tables
 
@@ -217,7 +217,13 @@ def _result(
         samples=sum(one.residual.size for one in found.fit.point.residuals.values()),
         runs=[run.health for run in loaded.runs],
         refused=[*data.left_out, *_refused(own), *loaded.unreadable],
-        warnings=[*loaded.warnings, *data.warnings, *own.warnings, *_disagreeing(data, found, agreement)],
+        warnings=[
+            *loaded.warnings,
+            *data.warnings,
+            *told_reference(found, known.covariance),
+            *own.warnings,
+            *_disagreeing(data, found, agreement),
+        ],
     )
 
 
