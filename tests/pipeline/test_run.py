@@ -36,9 +36,7 @@ class FakeStage:
     called: list[tuple[Sequence[Path], Recipe, Context]] = field(default_factory=list)
     recorded: list[tuple[InfoResult, list[str]]] = field(default_factory=list)
 
-    def run(
-        self, logs: Sequence[Path], recipe: Recipe, context: Context, _: Any
-    ) -> StageOutput[InfoResult]:
+    def run(self, logs: Sequence[Path], recipe: Recipe, context: Context, _: Any) -> StageOutput[InfoResult]:
         self.called.append((logs, recipe, context))
         if self.error is not None:
             raise self.error
