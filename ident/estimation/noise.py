@@ -207,3 +207,12 @@ class NoiseModel:
     def total_std(self) -> float:
         """Standard deviation of the noise itself, in the unit of the residual."""
         return self.std * self.shape.total_over_innovations()
+
+
+def correlation_length(residual: Array) -> int:
+    """Samples after which the autocorrelation has first fallen below 1/e."""
+    centred = residual - residual.mean()
+    power = np.abs(np.fft.rfft(centred, 2 * centred.size)) ** 2
+    correlation = np.fft.irfft(power)[: centred.size]
+    below = np.flatnonzero(correlation < correlation[0] / np.e)
+    return int(below[0]) if below.size else centred.size

@@ -32,7 +32,13 @@ from ident.estimation.elimination import (
     with_priors,
 )
 from ident.estimation.gauss_newton import minimise
-from ident.estimation.noise import AutoRegression, Linearised, NoiseModel, NoiseShape
+from ident.estimation.noise import (
+    AutoRegression,
+    Linearised,
+    NoiseModel,
+    NoiseShape,
+    correlation_length,
+)
 
 Array = NDArray[np.float64]
 
@@ -242,20 +248,11 @@ def _meat(records: Sequence[Linearised]) -> Array:
         q, _ = np.linalg.qr(record.local)
         score = (record.shared - q @ (q.T @ record.shared)) * record.residual[:, None]
         total += score.T @ score
-        longest = min(_correlation_length(record.residual) * CORRELATION_LENGTHS, len(score) - 1)
+        longest = min(correlation_length(record.residual) * CORRELATION_LENGTHS, len(score) - 1)
         for lag in range(1, longest + 1):
             product = score[lag:].T @ score[:-lag]
             total += (1 - lag / (longest + 1)) * (product + product.T)
     return total
-
-
-def _correlation_length(residual: Array) -> int:
-    """Samples after which the autocorrelation has first fallen below 1/e."""
-    centred = residual - residual.mean()
-    power = np.abs(np.fft.rfft(centred, 2 * centred.size)) ** 2
-    correlation = np.fft.irfft(power)[: centred.size]
-    below = np.flatnonzero(correlation < correlation[0] / np.e)
-    return int(below[0]) if below.size else centred.size
 
 
 def _innovation_std(state: _State, reduced: Sequence[Eliminated] | None = None) -> float:

@@ -25,7 +25,7 @@ from scipy.stats import chi2
 
 from ident.estimation.elimination import eliminate, inverse_of, triangle_of
 from ident.estimation.gauss_newton import minimise
-from ident.estimation.noise import AutoRegression, Linearised, NoiseModel
+from ident.estimation.noise import AutoRegression, Linearised, NoiseModel, correlation_length
 from ident.estimation.noise_fit import fit_autoregression
 from ident.estimation.vehicle_problem import (
     STEERING_RATIO,
@@ -99,20 +99,12 @@ class VehicleFit:
         for name, one in self.point.residuals.items():
             samples = one.samples
             lengths = [
-                _correlation_length(one.residual[begin:end])
+                correlation_length(one.residual[begin:end])
                 for begin, end in pairwise(samples.begins.tolist())
                 if end - begin > 1
             ]
             made[name] = one.residual.size / max(1.0, 2 * float(np.mean(lengths)))
         return made
-
-
-def _correlation_length(residual: Array) -> int:
-    """Samples after which the autocorrelation has first fallen below 1/e."""
-    centred = residual - residual.mean()
-    correlation = np.fft.irfft(np.abs(np.fft.rfft(centred, 2 * centred.size)) ** 2)[: centred.size]
-    below = np.flatnonzero(correlation < correlation[0] / np.e)
-    return int(below[0]) if below.size else centred.size
 
 
 @np.errstate(over="ignore", invalid="ignore")
