@@ -69,6 +69,7 @@ def test_steering_leaves_every_output_and_the_logs_as_they_were(steering: tuple[
     assert ended.stdout.rstrip().endswith(f"Report: {out / 'index.html'}")
     written = {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()}
     assert written == {
+        *(".ident/steering.json", ".ident/recording.json", ".ident/report.json"),
         *("index.html", "steering.json", "model.yaml", "run.rrd"),
         *("signals/steering.parquet", "signals/steering_request.parquet"),
     }
@@ -138,6 +139,7 @@ def test_tyres_leave_every_output_and_the_logs_as_they_were(tyres: tuple[Result,
     assert ended.stdout.rstrip().endswith(f"Report: {out / 'index.html'}")
     written = {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()}
     assert written == {
+        *(".ident/tyres.json", ".ident/recording.json", ".ident/report.json"),
         *("index.html", "tyres.json", "model.yaml", "run.rrd"),
         *("signals/tyres.parquet", "signals/tyre_forces.parquet"),
     }

@@ -149,7 +149,17 @@ def test_the_truck_of_the_sample_logs_shares_no_code_with_the_models() -> None:
 
 @pytest.mark.parametrize(
     "arguments",
-    [["--help"], ["--version"], ["steering", "--help"], ["tyres", "--help"], ["steering"], ["nonsense"]],
+    [
+        ["--help"],
+        ["--version"],
+        ["steering", "--help"],
+        ["tyres", "--help"],
+        ["evaluate", "--help"],
+        ["run", "--help"],
+        ["steering"],
+        ["run", "recipe.yaml"],
+        ["nonsense"],
+    ],
 )
 def test_help_and_usage_errors_load_nothing_heavy(arguments: list[str]) -> None:
     program = (

@@ -25,9 +25,11 @@ class FakePipeline:
 
     def __init__(self, folder: Path) -> None:
         self.outcome = SimpleNamespace(
-            summary="gain 0.98 ± 0.01\nrun \x1b[2J", json=folder / "a.json", report=folder / "index.html"
+            summary="gain 0.98 ± 0.01\nrun \x1b[2J",
+            json='{"gain": "±"}\n',
+            report=folder / "index.html",
+            error=None,
         )
-        self.outcome.json.write_text('{"gain": "±"}\n', encoding="utf-8")
         self.error: BaseException | None = None
         self.called: tuple[str, tuple[Path, ...], RunOptions] | None = None
 
@@ -38,6 +40,9 @@ class FakePipeline:
         if self.error is not None:
             raise self.error
         return self.outcome
+
+    def run_recipe(self, recipe: Path, logs: tuple[Path, ...], options: RunOptions, progress: Any) -> Any:
+        return self.run_stage(f"run {recipe}", logs, options, progress)
 
     def write_guesses(self, logs: tuple[Path, ...], out: Path, _: Any) -> Any:
         self.called = ("init", logs, RunOptions(out=out))
@@ -52,7 +57,8 @@ class FakePipeline:
 @pytest.fixture
 def pipeline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> FakePipeline:
     fake = FakePipeline(tmp_path)
-    monkeypatch.setitem(sys.modules, "ident.pipeline.run", SimpleNamespace(run_stage=fake.run_stage))
+    run = SimpleNamespace(run_stage=fake.run_stage, run_recipe=fake.run_recipe)
+    monkeypatch.setitem(sys.modules, "ident.pipeline.run", run)
     monkeypatch.setitem(sys.modules, "ident.pipeline.init", SimpleNamespace(write_guesses=fake.write_guesses))
     return fake
 
@@ -107,11 +113,31 @@ def test_the_program_answers_from_a_shell() -> None:
 def test_options_arrive_as_they_were_given(pipeline: FakePipeline) -> None:
     ended = call(
         *("steering", "a", "b/c.mcap", "--recipe", "r.yaml", "--channels", "auto", "--channels", "c.yaml"),
-        *("--vehicle", "v.yaml", "--out", "o"),
+        *("--vehicle", "v.yaml", "--out", "o", "--seed", "3"),
     )
     assert ended.exit_code == 0
-    options = RunOptions(Path("r.yaml"), ("auto", "c.yaml"), Path("v.yaml"), Path("o"))
+    options = RunOptions(Path("r.yaml"), ("auto", "c.yaml"), Path("v.yaml"), Path("o"), 3)
     assert pipeline.called == ("steering", (Path("a"), Path("b/c.mcap")), options)
+
+
+def test_run_takes_the_recipe_before_the_logs(pipeline: FakePipeline) -> None:
+    ended = call("run", "r.yaml", "a", "b", "--out", "o", "--json")
+    assert ended.stdout == '{"gain": "±"}\n'
+    assert pipeline.called == ("run r.yaml", (Path("a"), Path("b")), RunOptions(out=Path("o")))
+    assert call("run", "r.yaml").exit_code == 2
+
+
+def test_evaluate_takes_a_model_to_compare_with(pipeline: FakePipeline) -> None:
+    call("evaluate", "a", "--against", "old/model.yaml")
+    assert pipeline.called == ("evaluate", (Path("a"),), RunOptions(against=Path("old/model.yaml")))
+
+
+def test_requirements_that_are_not_met_are_a_line_each_after_the_answer(pipeline: FakePipeline) -> None:
+    pipeline.outcome.error = errors.RequirementNotMet("yaw rate: 0.03 rad/s", "heading:\n0.2 rad")
+    ended = call("run", "r.yaml", "a")
+    assert ended.exit_code == 5
+    assert ended.stdout.startswith("gain 0.98 ± 0.01\n")
+    assert ended.stderr.splitlines()[-2:] == ["ident: yaw rate: 0.03 rad/s", "ident: heading: 0.2 rad"]
 
 
 def test_what_was_not_said_is_none(pipeline: FakePipeline) -> None:
@@ -256,6 +282,7 @@ def test_the_readme_names_every_command_option_and_exit_code() -> None:
         name for command in main.commands.values() for option in command.params for name in option.opts
     }
     known = {error.exit_code for error in vars(errors).values() if isinstance(error, type)} | {0, 130}
-    assert [name for name in main.commands if f"`ident {name} LOGS...`" not in readme] == []
+    calls = {name: "RECIPE LOGS..." if name == "run" else "LOGS..." for name in main.commands}
+    assert [name for name, logs in calls.items() if f"`ident {name} {logs}`" not in readme] == []
     assert [name for name in options if name.startswith("--") and f"`{name}" not in readme] == []
     assert [code for code in sorted(known) if f"\n| {code} | " not in readme] == []
