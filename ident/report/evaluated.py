@@ -137,6 +137,13 @@ def position_error(errors: Mapping[str, Error]) -> float | None:
     return None
 
 
+def judge_position(errors: Mapping[str, Error], limits: Mapping[str, Error]) -> Judgement:
+    """Judge both coordinates of the position, the worse counts."""
+    found = {judge(errors.get(name), limits.get(name)) for name in ("position_x", "position_y")}
+    order: tuple[Judgement, ...] = ("beyond", "near", "within")
+    return next((verdict for verdict in order if verdict in found), "unknown")
+
+
 def window_seconds(length: str) -> float:
     """Read the length of a window, such as "2 s" [s]; infinite where it is none."""
     try:

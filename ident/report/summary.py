@@ -9,6 +9,7 @@ from ident.report.evaluated import (
     MARKS,
     STANDARD,
     judge,
+    judge_position,
     model_name,
     position_error,
     shown_error,
@@ -230,7 +231,8 @@ def _model_lines(result: EvaluateResult) -> list[str]:
         ]
         name = model_name(model.name) + (", on the request" if model.input == "request" else "")
         position, reach = position_error(found), model.valid_to
-        more = (significant(position), significant(reach, 2), significant(model.cost_ns_per_step))
+        mark = MARKS[judge_position(found, result.acceptable)].replace("\u00a0", " ")
+        more = (mark + significant(position), significant(reach, 2), significant(model.cost_ns_per_step))
         rows.append((name, *errors, *more))
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     note = f"  RMS over windows of {STANDARD}; ✗ beyond the acceptable size, ≈ its interval holds it"

@@ -146,6 +146,11 @@ def _result(
         refused=[*motion.left_out, *_refused(settings, told), *loaded.unreadable],
         warnings=[*loaded.warnings, *motion.warnings, *(one.text for one in found if one.verdict != "fine")],
         against=None if settings.against is None else str(settings.against),
+        geometry={
+            "cg_to_front_axle": motion.body.cg_to_front_axle,
+            "cg_to_rear_axle": motion.body.cg_to_rear_axle,
+            "reference_x": data.records[0].reference_x,
+        },
     )
 
 

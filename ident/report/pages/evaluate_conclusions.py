@@ -14,10 +14,11 @@ from ident.report.numbers import (
     unit_text,
     with_unit,
 )
-from ident.report.page import Block, Cell, Column, Lines, Table, Text, Tone
+from ident.report.page import Block, Cell, Column, Details, Lines, Table, Text, Tone
 from ident.report.tyre_parameters import displayed
 from ident.results import Characteristic, Check, Comparison, Requirement
 
+MOST_ROWS = 12
 SURE = 0.05
 """p-value below which one model is said to be better than another."""
 
@@ -47,28 +48,47 @@ def comparisons(found: Sequence[Comparison]) -> list[Block]:
     ]
     notes = ["paired on the same stretches of held-out driving; p: of the hypothesis of no difference"]
     table = Table(columns, rows, notes=notes, download="evaluate_comparisons.csv", scroll=len(rows) > 15)
-    return [Lines([_in_words(one) for one in found]), table]
+    return [Lines(_in_words(found)), Details("As a table", [table])]
 
 
 def _p(value: float) -> str:
     return "< 0.001" if value < 0.001 else significant(value, 2)
 
 
-def _in_words(one: Comparison) -> tuple[str, str]:
-    about = f"{one.signal.replace('_', ' ')}:"
-    better, worse = model_name(one.better), model_name(one.worse)
-    share = f"{estimate_value(one.ratio)} of its error, 95 % {estimate_interval(one.ratio)}"
-    told = f"({share}, {p_value(one.p_value)})"
-    if one.p_value < SURE:
-        return about, f"{better} is better than {worse} {told}."
-    return about, f"these runs do not tell {better} from {worse} {told}."
+def _in_words(found: Sequence[Comparison]) -> list[tuple[str, str]]:
+    """Say of each pair which is better on which signal, and on which the runs do not tell."""
+    pairs: dict[tuple[str, ...], list[Comparison]] = {}
+    for one in found:
+        pairs.setdefault(tuple(sorted((one.better, one.worse))), []).append(one)
+    lines = []
+    for pair, own in pairs.items():
+        winners = [name for name in pair if any(one.better == name and one.p_value < SURE for one in own)]
+        parts = [_better(name, own) for name in winners]
+        same = [one.signal.replace("_", " ") for one in own if one.p_value >= SURE]
+        parts += [f"the runs do not tell them apart on {', '.join(same)}"] if same else []
+        first, second = (model_name(name) for name in pair)
+        lines.append((f"{first} and {second}:", "; ".join(parts) + "."))
+    return lines
+
+
+def _better(name: str, found: Sequence[Comparison]) -> str:
+    """Say on which signals a model is surely better, with its error in parts of the other's."""
+    told = [
+        f"{one.signal.replace('_', ' ')} ({estimate_value(one.ratio)} of its error, 95 % "
+        f"{estimate_interval(one.ratio)}, {p_value(one.p_value)})"
+        for one in found
+        if one.better == name and one.p_value < SURE
+    ]
+    return f"{model_name(name)} is better on {', '.join(told)}"
 
 
 def characteristics(found: Sequence[Characteristic]) -> list[Block]:
     """Give what the truck does, measured and simulated, in the style of the standards."""
     if not found:
         return [Text("No characteristic could be measured in the held-out data.", "muted")]
-    names = list(dict.fromkeys(name for one in found for name in one.simulated))
+    known = [one for one in found if one.measured.value is not None]
+    missing = [one.name.replace("_", " ") for one in found if one.measured.value is None]
+    names = list(dict.fromkeys(name for one in known for name in one.simulated))
     columns = [
         Column("characteristic"),
         Column("in the style of"),
@@ -77,13 +97,17 @@ def characteristics(found: Sequence[Characteristic]) -> list[Block]:
         Column("unit"),
         Column("tolerance", "number"),
     ]
-    rows = [_characteristic_row(one, names) for one in found]
+    rows = [_characteristic_row(one, names) for one in known]
     note = "below each value its 95 % interval; ✗: measured and simulated differ by more than the tolerance"
     told = Text(
         "Figures in the style of ISO 14792 (steady state) and ISO 14793 (transient), taken from whatever was "
         "driven: no test of these standards was made, and nothing here is a statement of conformity."
     )
-    return [told, Table(columns, rows, notes=[note], download="evaluate_characteristics.csv")]
+    table = Table(
+        columns, rows, notes=[note], download="evaluate_characteristics.csv", scroll=len(rows) > MOST_ROWS
+    )
+    lacking = [Lines([("The driving does not tell:", f"{', '.join(missing)}.")])] if missing else []
+    return [told, table, *lacking]
 
 
 def _characteristic_row(one: Characteristic, names: Sequence[str]) -> list[Cell]:
@@ -91,7 +115,7 @@ def _characteristic_row(one: Characteristic, names: Sequence[str]) -> list[Cell]
     measured = Cell(estimate_value(shown), raw=shown.value, detail=estimate_interval(shown))
     return [
         Cell(one.name.replace("_", " ")),
-        Cell(one.style),
+        Cell(one.style.replace(" ", "\u00a0")),
         measured,
         *[_simulated(one, name) for name in names],
         Cell(unit_text(shown.unit)),

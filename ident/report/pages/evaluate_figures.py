@@ -33,7 +33,7 @@ from ident.results import AccelerationBand, Error, EvaluatedModel, EvaluateResul
 TIME_OF_RUN = "time since the start of the run [s]"
 LEAD_HEIGHT = 250
 LEAD_TICKS = (5, 6)
-BINS_LEAD, BINS_RUN, BINS_ALL, FEWEST_BINS = 250, 700, 3000, 100
+BINS_LEAD, BINS_RUN, BINS_ALL, FEWEST_BINS = 250, 220, 660, 80
 """Bins of a line on the first screen, of a whole run, of all runs together; at least so many."""
 SIGNAL_HEIGHT = 170
 CELLS = (400, 300)
@@ -50,7 +50,7 @@ def lead_figure(result: EvaluateResult, runs: Mapping[str, pd.DataFrame], ranked
     chosen = [("best", ranked[0]), ("worst", ranked[-1])] if len(ranked) > 1 else [("run", r) for r in ranked]
     if shown is not None:
         panels += [_overlay(runs[run], run, rank, shown.name) for rank, run in chosen if run in runs]
-    spec, height = figures.grid(panels, figures.Layout(columns=4, row_height=LEAD_HEIGHT, gap=58))
+    spec, height = figures.grid(panels, figures.Layout(columns=4, row_height=LEAD_HEIGHT, gap=68))
     return Figure(spec, height, "Accuracy and coverage", _lead_caption(result, shown))
 
 
@@ -321,7 +321,7 @@ def run_figure(result: EvaluateResult, rows: pd.DataFrame, models: Sequence[str]
     caption = (
         f"Above: measured, and {model_name(first)} simulated freely from the logged initial state; below: "
         "measured minus simulated, for every model. Extremes are kept where lines are thinned; all samples "
-        "are in run.rrd."
+        "are in signals/evaluate.parquet."
     )
     return Figure(spec, height, "Measured and simulated", caption)
 

@@ -50,12 +50,12 @@ def evaluate_part(result: EvaluateResult, tables: Mapping[str, pd.DataFrame]) ->
         for run in ranked:
             root, colours = origin(STAGE, run), {"measured": "measured", **models[run]}
             log_trucks(recording, root, places(found[run], list(models[run])), shape, colours)
-            _log_styles(recording, root, found[run], models[run])
+            _log_styles(recording, root, _lines(result, found[run], list(models[run])), models[run])
 
     def data(recording: rr.RecordingStream) -> None:
         for run in ranked:
             root, rows, names = origin(STAGE, run), found[run], list(models[run])
-            for entity, line in _lines(rows, names).items():
+            for entity, line in _lines(result, rows, names).items():
                 send(recording, f"{root}/{entity}", line)
             steering, begin = measured(rows, "road_wheel_angle"), float(rows["time"].min())
             send_trucks(recording, root, places(rows, names), shape, steering, begin)
@@ -72,20 +72,22 @@ def _models(result: EvaluateResult, rows: pd.DataFrame) -> dict[str, str]:
     return found | dict.fromkeys(asked, "request")
 
 
-def _lines(rows: pd.DataFrame, models: Sequence[str]) -> dict[str, Line]:
-    """Give every line of a run by its entity: what was measured, simulated, and is left."""
+def _lines(result: EvaluateResult, rows: pd.DataFrame, models: Sequence[str]) -> dict[str, Line]:
+    """Give every line of a run by its entity: measured, of the shown model, what each model leaves."""
+    shown = shown_model(result)
     lines = {"road_wheel_angle/measured": measured(rows, "road_wheel_angle")}
     for signal in measured_signals(rows, models):
         lines[f"{signal}/measured"] = measured(rows, signal)
-        lines |= {f"{signal}/{model}": simulated(rows, signal, model) for model in models}
+        if shown is not None:
+            lines[f"{signal}/{shown.name}"] = simulated(rows, signal, shown.name)
         lines |= {f"{signal}/residual/{model}": residual(rows, signal, model) for model in models}
-    return lines
+    return {entity: line for entity, line in lines.items() if line.time.size}
 
 
 def _log_styles(
-    recording: rr.RecordingStream, root: str, rows: pd.DataFrame, models: Mapping[str, str]
+    recording: rr.RecordingStream, root: str, lines: Mapping[str, Line], models: Mapping[str, str]
 ) -> None:
-    for entity in _lines(rows, list(models)):
+    for entity in lines:
         signal, *_, way = entity.split("/")
         told = f"{model_name(way)} [{_unit(signal)}]"
         role, width = ("measured", 2.5) if way == "measured" else (models[way], 1.5)
@@ -100,28 +102,24 @@ def _tab(result: EvaluateResult, run: str, rows: pd.DataFrame, models: Sequence[
     """Show the maps, where there are positions, left of the first signals with their residuals."""
     root, title = origin(STAGE, run), shorten(plain(run), 40)
     span = (float(rows["time"].min()), float(rows["time"].max()))
-    shown = shown_model(result)
-    signals = _views(root, rows, models, span, shown.name if shown else None)
+    signals = _views(root, _lines(result, rows, models), span)
     where = places(rows, models)
     if not where:
         return rrb.Vertical(signals, name=title)
     return rrb.Horizontal(maps(root, where), signals, column_shares=[1.0, 1.3], name=title)
 
 
-def _views(
-    root: str, rows: pd.DataFrame, models: Sequence[str], span: tuple[float, float], shown: str | None
-) -> rrb.Vertical:
+def _views(root: str, lines: Mapping[str, Line], span: tuple[float, float]) -> rrb.Vertical:
     """Show the first signal as measured and as the shown model has it, then what each model leaves."""
-    lines, views, shares = _lines(rows, models), [], []
-    for number, signal in enumerate(measured_signals(rows, models)[:MOST_SIGNALS]):
+    compared = list(dict.fromkeys(key.split("/")[0] for key in lines if "/residual/" in key))[:MOST_SIGNALS]
+    views, shares = [], []
+    for signal in compared:
         name, unit = signal.replace("_", " "), _unit(signal)
-        if number == 0:
-            drawn = (f"{signal}/measured", f"{signal}/{shown}")
-            views.append(
-                series(root, span, f"{name} [{unit}]", {key: lines[key] for key in drawn if key in lines})
-            )
+        own = {key: line for key, line in lines.items() if key.startswith(f"{signal}/")}
+        left = {key: own.pop(key) for key in list(own) if "/residual/" in key}
+        if signal == compared[0]:
+            views.append(series(root, span, f"{name} [{unit}]", own))
             shares.append(1.6)
-        left = {key: line for key, line in lines.items() if key.startswith(f"{signal}/residual/")}
         views.append(series(root, span, f"{name}, residual [{unit}]", left))
         shares.append(1.0)
     return rrb.Vertical(*views, row_shares=shares, name="signals")
