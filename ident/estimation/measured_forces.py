@@ -2,11 +2,13 @@
 
 Forces of wheels are measured beside the motion, so they can be compared with it in two ways: through the
 curve of the tyre, force = F(slip angle; parameters) + offset of the run, and directly, force = scale times
-the force that the motion needs + offset of the run. Both are least squares. What is left is no white noise:
-it holds what the sensors, the tyres and the model of the motion do slowly. The covariance is therefore the
-sandwich of Newey and West (1987, doi:10.2307/1913610), with Bartlett weights over several correlation times
-of the residual, and intervals are those of Student's t with as many degrees of freedom as the data hold
-correlation times beyond the fitted parameters.
+the force that the motion needs + offset of the run. Both are least squares. What is left is no white noise: it
+holds what the sensors, the tyres and the model of the motion do slowly. Standard errors are therefore the
+larger of two: those of the sandwich of Newey and West (1987, doi:10.2307/1913610), with Bartlett weights over
+several correlation times of the residual, which are valid whatever its size does but come out too small in
+few correlation times, and those of a residual of one size whose correlation decays exponentially. Intervals
+are those of Student's t with as many degrees of freedom as the data hold correlation times beyond the fitted
+parameters.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.signal import lfilter
 from scipy.stats import t as student
 
 from ident.dynamics.tyres import TYRES, axle_force
@@ -35,19 +38,19 @@ FEWEST_FREEDOM = 2.0
 class Fitted:
     """Parameters of a least squares fit.
 
-    estimates : (k,); covariance : (k, k); freedom : correlation times in the data beyond the parameters
+    estimates : (k,); errors : (k,) standard errors; freedom : correlation times in the data beyond the parameters
     offsets : (runs,) of each run; spread : standard deviation of what is left
     """
 
     estimates: Array
-    covariance: Array
+    errors: Array
     freedom: float
     offsets: Array
     spread: float
 
     def std(self, number: int) -> float:
         """Standard error of one parameter."""
-        return float(np.sqrt(self.covariance[number, number]))
+        return float(self.errors[number])
 
     def half_width(self, number: int, level: float = 0.95) -> float:
         """Half the width of the interval of one parameter."""
@@ -155,15 +158,29 @@ def correlation_length(residual: Array, run: Index) -> float:
 def _fitted(
     at: Array, design: Array, left: Array, run: Index, own: int, prior: Array | None = None
 ) -> Fitted:
-    """Covariance by the sandwich; ``prior`` holds its rows in the unit of the residual."""
+    """Standard errors, the larger of both kinds; ``prior`` holds its rows in the unit of the residual."""
     length = correlation_length(left, run)
     square = design.T @ design
     held = np.zeros_like(square) if prior is None else prior.T @ prior
     bread = np.linalg.pinv(square + held)
     scale = float(np.var(left)) * 2 * length
-    covariance = bread @ (_long_run(design * left[:, None], run, length) + scale * held) @ bread
+    meats = (_long_run(design * left[:, None], run, length), _decaying(design, left, run, length))
+    spreads = [np.sqrt(np.diag(bread @ (meat + scale * held) @ bread)) for meat in meats]
     freedom = max(FEWEST_FREEDOM, left.size / (2 * length) - at.size)
-    return Fitted(at[:own], covariance[:own, :own], freedom, at[own:], float(np.std(left)))
+    errors = np.maximum(*spreads)
+    return Fitted(at[:own], errors[:own], freedom, at[own:], float(np.std(left)))
+
+
+def _decaying(design: Array, left: Array, run: Index, length: float) -> Array:
+    """Covariance of the scores of a residual of one size whose correlation decays with ``length``."""
+    decay = float(np.exp(-1 / length))
+    total = np.zeros((design.shape[1], design.shape[1]))
+    for part in _parts(run):
+        own = design[part]
+        before = lfilter([decay], [1.0, -decay], own, axis=0)  # sum over k >= 1 of decay^k of k samples ago
+        product = own[1:].T @ before[:-1]
+        total += own.T @ own + product + product.T
+    return total * float(np.var(left))
 
 
 def _long_run(scores: Array, run: Index, length: float) -> Array:

@@ -160,7 +160,8 @@ def _why_not(run: MotionRun) -> str | None:
     there = {name for window in run.windows for name in window.measurements}
     if there & set(TURNING):
         return None
-    return f"no {', '.join(TURNING[:-1])} or {TURNING[-1]}: nothing tells how the vehicle turns"
+    names = f"{', '.join(TURNING[:-1])} or {TURNING[-1]}"
+    return f"no {names}: nothing tells how the vehicle turns: name the topic of one in channels.yaml"
 
 
 def _reasons(left_out: Sequence[Refusal]) -> str:
