@@ -2,8 +2,8 @@
 
 Forces of wheels are measured beside the motion, so they can be compared with it in two ways: through the
 curve of the tyre, force = F(slip angle; parameters) + offset of the run, and directly, force = scale times
-the force that the motion needs + offset of the run. Both are least squares. What is left is no white noise: it
-holds what the sensors, the tyres and the model of the motion do slowly. Standard errors are therefore the
+the force that the motion needs + offset of the run. Both are least squares. What is left is no white noise:
+it holds what the sensors, the tyres and the model of the motion do slowly. Standard errors are therefore the
 larger of two: those of the sandwich of Newey and West (1987, doi:10.2307/1913610), with Bartlett weights over
 several correlation times of the residual, which are valid whatever its size does but come out too small in
 few correlation times, and those of a residual of one size whose correlation decays exponentially. Intervals
@@ -38,7 +38,8 @@ FEWEST_FREEDOM = 2.0
 class Fitted:
     """Parameters of a least squares fit.
 
-    estimates : (k,); errors : (k,) standard errors; freedom : correlation times in the data beyond the parameters
+    estimates : (k,); errors : (k,) standard errors
+    freedom : correlation times in the data beyond the parameters
     offsets : (runs,) of each run; spread : standard deviation of what is left
     """
 
