@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.signal import savgol_filter
 from scipy.stats import t
 
 from ident.estimation.sandwich import coefficient
@@ -54,7 +55,8 @@ IDENTIFIED, WEAK = 0.1, 0.5  # relative standard errors
 class Drive:
     """One uninterrupted stretch of motion of the centre of gravity on a uniform grid (m,).
 
-    road_wheel_angle [rad], speed [m/s], yaw_rate [rad/s], yaw_acceleration [rad/s²]
+    road_wheel_angle [rad], speed [m/s], yaw_rate [rad/s]
+    yaw_acceleration [rad/s²], by a parabola over ``SETTLED`` seconds: noise would make c too small
     lateral_acceleration [m/s²], which is v r where ``is_felt`` is False
     valid : (m,) where all of these come from samples nearby
     """
@@ -73,17 +75,16 @@ class Drive:
 def drives(records: Sequence[MotionRecord], body: Body) -> list[Drive]:
     """Motion of the stretches of which yaw rate or heading is known; records must not overlap."""
     prepared = [pair for record in records if (pair := _prepared(record)) is not None]
-    felt = {(one.run, float(one.times[0])): has for one, has in prepared}
-    made: list[Drive] = []
-    ends: list[tuple[int, float]] = []
-    for motion in smooth_motion([one for one, _ in prepared], body):
+    motions = smooth_motion([replace(one, imu=(0.0, 0.0)) for one, _ in prepared], body)
+    by_start = {(one.run, float(one.times[0])): (one.imu, has) for one, has in prepared}
+    made: list[tuple[SmoothMotion, tuple[float, float], bool]] = []
+    for motion in motions:
         key = (motion.run, float(motion.times[0]))
-        if key in felt or not ends or ends[-1] != key:
-            made.append(_drive(motion, is_felt=felt.get(key, False)))
-        else:
-            made[-1] = _joined(made[-1], _drive(motion, is_felt=made[-1].is_felt))
-        ends.append((motion.run, float(motion.times[-1])))
-    return made
+        if key in by_start:
+            made.append((motion, *by_start[key]))
+        elif made and (made[-1][0].run, float(made[-1][0].times[-1])) == key:
+            made[-1] = (_joined(made[-1][0], motion), *made[-1][1:])
+    return [_drive(motion, imu, is_felt=is_felt) for motion, imu, is_felt in made]
 
 
 def _prepared(record: MotionRecord) -> tuple[MotionRecord, bool] | None:
@@ -105,22 +106,30 @@ def _holds(record: MotionRecord, name: str) -> bool:
     return samples is not None and samples.times.size >= 5
 
 
-def _drive(motion: SmoothMotion, *, is_felt: bool) -> Drive:
+def _drive(motion: SmoothMotion, imu: tuple[float, float], *, is_felt: bool) -> Drive:
+    """Bring the smoothed motion of the IMU to the centre of gravity.
+
+    The slope is that of the smoothed yaw rate, so that all parts of the sum are smoothed alike.
+    """
     period = float((motion.times[-1] - motion.times[0]) / (motion.times.size - 1))
+    slope = np.gradient(motion.yaw_rate, period)
+    points = min(2 * round(SETTLED / period / 2) + 1, motion.times.size - (motion.times.size + 1) % 2)
+    trend = savgol_filter(motion.yaw_rate, points, 2, deriv=1, delta=period) if points > 2 else slope
+    moved = motion.lateral_acceleration - imu[0] * slope + imu[1] * motion.yaw_rate**2
     return Drive(
         motion.run,
         period,
         motion.road_wheel_angle,
         motion.speed,
         motion.yaw_rate,
-        motion.yaw_acceleration,
-        motion.lateral_acceleration,
+        np.asarray(trend),
+        np.asarray(moved),
         motion.valid & (motion.speed >= LEAST_SPEED),
         is_felt,
     )
 
 
-def _joined(one: Drive, other: Drive) -> Drive:
+def _joined(one: SmoothMotion, other: SmoothMotion) -> SmoothMotion:
     """Two pieces, the second of which begins at the last instant of the first."""
 
     def both(name: str) -> Array:
@@ -128,10 +137,10 @@ def _joined(one: Drive, other: Drive) -> Drive:
 
     return replace(
         one,
+        times=both("times"),
         road_wheel_angle=both("road_wheel_angle"),
         speed=both("speed"),
         yaw_rate=both("yaw_rate"),
-        yaw_acceleration=both("yaw_acceleration"),
         lateral_acceleration=both("lateral_acceleration"),
         valid=np.concatenate([one.valid, other.valid[1:]]),
     )

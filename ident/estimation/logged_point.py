@@ -6,7 +6,7 @@ ahead of it by x r more. With linear tyres and F_yr = (l_f m a_y - I_z ṙ)/L,
     v_y,P = x r - b v² r + c v ṙ + d v + e,
 
 where x, b, c are unknown, d is a turned sensor and e its bias. What is late by τ adds v r τ to the velocity
-of the position across the heading; then that is a column as well. r, v r and v² r differ where the speed does.
+of the position across the heading; then that is a column as well. r, v r and v² r differ where v does.
 Taken where the lateral acceleration v r is below ``LINEAR``.
 """
 

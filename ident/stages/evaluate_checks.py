@@ -31,7 +31,7 @@ STALE = 0.5  # [s]
 FEWEST = 50
 LEAST_MOVED = 1e-4  # [rad]
 
-MISPLACED, FAR = 0.3, 1.0  # [m]
+MISPLACED, FAR = 0.5, 1.0  # [m]
 TOLD = 0.75  # [m] standard error up to which a point can be told
 CERTAIN = 3.0  # standard errors
 
