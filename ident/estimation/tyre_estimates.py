@@ -241,8 +241,13 @@ def _warnings(found: KindFit) -> list[str]:
     told = []
     if not found.fit.converged:
         told.append("the fit has not converged: its errors are not to be trusted")
+    told += [
+        f"{name}: not compared, its {samples.times.size} samples are too few for its noise to be told"
+        for name, samples in found.problem.windows.signals.items()
+        if name not in found.problem.signals
+    ]
     if found.fit.is_coloured:
-        slow = sorted({*found.fit.capped, *(n for n, p in found.fit.coloured.items() if p < 1e-4)})
+        slow = found.fit.slow
         told.append(
             f"what is left of {', '.join(slow)} is slower than noise: the model lacks something, and the "
             "intervals rest on the spread over time"

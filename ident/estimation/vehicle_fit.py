@@ -28,6 +28,7 @@ from ident.estimation.gauss_newton import minimise
 from ident.estimation.noise import AutoRegression, Linearised, NoiseModel, correlation_length
 from ident.estimation.noise_fit import fit_autoregression
 from ident.estimation.vehicle_problem import (
+    ALONG,
     STEERING_RATIO,
     Coordinate,
     Residuals,
@@ -84,9 +85,17 @@ class VehicleFit:
         return self.point.shared
 
     @property
+    def slow(self) -> list[str]:
+        """Signals in which something slower than noise is left."""
+        return sorted({*self.capped, *(name for name, p in self.coloured.items() if p < CERTAIN)})
+
+    @property
     def is_coloured(self) -> bool:
-        """Whether anything slower than noise is left in the residuals."""
-        return bool(self.capped) or any(p < CERTAIN for p in self.coloured.values())
+        """Whether something is left that the model lacks.
+
+        The position along the path does not count: the noise of the speed, an input, adds up in it.
+        """
+        return any(name != ALONG for name in self.slow)
 
     def rms(self) -> dict[str, float]:
         """Root mean square of what is left of each compared signal."""

@@ -300,7 +300,7 @@ def _noise(found: KindFit) -> dict[str, ResidualNoise]:
         noise = fit.point.noise[name]
         shape = noise.shape
         coefficients = shape.coefficients.tolist() if isinstance(shape, AutoRegression) else []
-        slow = name in fit.capped or fit.coloured[name] < 1e-4
+        slow = name in fit.slow
         made[name] = ResidualNoise(
             UNITS[name], noise.std, noise.total_std, coefficients, one.samples.period, slow
         )
