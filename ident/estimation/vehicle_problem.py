@@ -7,8 +7,8 @@ runs (:mod:`ident.estimation.elimination`).
 
 The position is compared across and along the direction of travel: an error of the speed, which is an input,
 makes the position wrong along the path and hardly across it, and each has noise of its own. The errors of
-the inputs add up in it, so in a window longer than ``ANCHOR`` the position is compared in parts, each of
-which may be moved and turned as a whole.
+the inputs add up in it, so in a long window the position is compared in parts, each of which may be moved
+and turned as a whole (:mod:`ident.estimation.path_parts`).
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.dynamics.engine import Engine
+from ident.errors import NotIdentifiable
 from ident.estimation.elimination import Eliminated, eliminate, stacked, triangle_of, with_priors
 from ident.estimation.noise import AutoRegression, Linearised, NoiseModel
+from ident.estimation.path_parts import direction_of_travel, moved_and_turned
 from ident.estimation.vehicle_records import SignalSamples, Windows
 
 Array = NDArray[np.float64]
 
 POSITION = ("position_x", "position_y")
 ALONG, ACROSS = "position_along", "position_across"
-ANCHOR = 10.0  # [s] over which the shape of the path is compared
-FREEDOMS = 3  # of a part of the path: moved along x and y, turned
 STEERING_RATIO = "steering_ratio"  # coordinate: relative change of the ratio behind the road-wheel angle
 NOTHING = 1e-6  # of the prior of a term, in runs that do not have it
-FAST = 0.5  # [m/s] below which the path has no direction
+FEWEST = 20  # samples beyond what initial states follow, below which the noise of a signal cannot be told
 
 
 @dataclass(frozen=True)
@@ -109,22 +109,30 @@ class VehicleProblem:
 
         ``fixed`` holds all parameters of the model that are neither a coordinate nor a term of the runs;
         imu_x, imu_y come from the windows, and reference_x where it is no coordinate.
+
+        Raises
+        ------
+        NotIdentifiable
+            If every signal has too few samples for its noise to be told from the initial states.
         """
         self.engine = engine
         self.windows = windows
         self.coordinates = list(coordinates)
         self.fixed = dict(fixed)
-        there = {*windows.signals, *engine.parameters}
-        self.run_terms = [term for term in run_terms if (term.by_speed_to or term.name) in there]
         self.states = len(engine.states)
+        self.signals = [name for name, s in windows.signals.items() if s.beyond(self.states) >= FEWEST]
+        if not self.signals:
+            raise NotIdentifiable(_too_few(windows, self.states))
+        there = {*self.signals, *engine.parameters}
+        self.run_terms = [term for term in run_terms if (term.by_speed_to or term.name) in there]
         self._inner = [i for i, term in enumerate(self.run_terms) if term.name in engine.parameters]
         self.active = [
             *(self.run_terms[i].name for i in self._inner),
             *(one.name for one in self.coordinates),
         ]
-        self._wanted = [name for name in windows.signals if name in engine.outputs]
-        self.compared = [name for name in windows.signals if name not in POSITION]
-        if all(name in windows.signals for name in POSITION):
+        self._wanted = [name for name in self.signals if name in engine.outputs]
+        self.compared = [name for name in self.signals if name not in POSITION]
+        if all(name in self.signals for name in POSITION):
             self.compared += [ALONG, ACROSS]
         self._course = self._path_direction()
         self._anchors = self._anchor_columns()
@@ -207,39 +215,18 @@ class VehicleProblem:
         if ACROSS not in self.compared:
             return np.zeros(0)
         x, y = (self.windows.signals[name] for name in POSITION)
-        if not np.array_equal(x.times, y.times):
+        if not (np.array_equal(x.times, y.times) and np.array_equal(x.window, y.window)):
             self.compared = [name for name in self.compared if name not in (ALONG, ACROSS)]
             return np.zeros(0)
-        direction = np.zeros(x.times.size)
-        for begin, end in zip(x.begins[:-1], x.begins[1:], strict=True):
-            part = slice(int(begin), int(end))
-            direction[part] = _direction(x.times[part], x.values[part], y.values[part])
-        return direction
+        return direction_of_travel(x, y)
 
     def _anchor_columns(self) -> dict[str, Array]:
         """(n, anchors) derivative of the position along and across to the moves and turns of later parts."""
         if ACROSS not in self.compared:
             return {}
         x, y = (self.windows.signals[name] for name in POSITION)
-        begin = np.array([record.times[0] for record in self.windows.records])[x.window]
-        length = np.array([r.times[-1] - r.times[0] for r in self.windows.records])
-        parts = np.maximum(np.rint(length / ANCHOR).astype(np.intp), 1)
-        part = np.minimum(
-            ((x.times - begin) / (length / parts)[x.window]).astype(np.intp), parts[x.window] - 1
-        )
-        along = np.zeros((x.times.size, FREEDOMS * (int(parts.max()) - 1)))
-        across = np.zeros_like(along)
-        cosine, sine = np.cos(self._course), np.sin(self._course)
-        for window, number in {(w, p) for w, p in zip(x.window.tolist(), part.tolist(), strict=True) if p}:
-            own = np.flatnonzero((x.window == window) & (part == number))
-            dx, dy = x.values[own] - x.values[own[0]], y.values[own] - y.values[own[0]]
-            first = FREEDOMS * (number - 1)
-            to_x = np.column_stack([np.ones(own.size), np.zeros(own.size), -dy])
-            to_y = np.column_stack([np.zeros(own.size), np.ones(own.size), dx])
-            freedoms = slice(first, first + FREEDOMS)
-            along[own, freedoms] = cosine[own, None] * to_x + sine[own, None] * to_y
-            across[own, freedoms] = cosine[own, None] * to_y - sine[own, None] * to_x
-        return {ALONG: along, ACROSS: across}
+        both = moved_and_turned(self.windows, x, y, self._course)
+        return dict(zip((ALONG, ACROSS), both, strict=True))
 
     def values(self, shared: Array) -> dict[str, float]:
         """Parameters of the model that all runs share."""
@@ -329,18 +316,15 @@ class VehicleProblem:
         return {name: Residuals(x.samples, columns) for name, columns in made.items()}
 
 
-def _direction(times: Array, x: Array, y: Array) -> Array:
-    """Direction of travel from positions over half a second around each, kept where hardly anything moves."""
-    if times.size < 2:
-        return np.zeros(times.size)
-    before, after = np.maximum(times - 0.25, times[0]), np.minimum(times + 0.25, times[-1])
-    along = np.interp(after, times, x) - np.interp(before, times, x)
-    across = np.interp(after, times, y) - np.interp(before, times, y)
-    moved = np.hypot(along, across) > FAST * (after - before)
-    angle = np.arctan2(across, along)
-    if not moved.any():
-        return np.zeros(times.size)
-    return np.asarray(np.interp(times, times[moved], np.unwrap(angle[moved])))
+def _too_few(windows: Windows, states: int) -> str:
+    counts = ", ".join(
+        f"{name} {samples.beyond(states)} in {samples.times.size}"
+        for name, samples in windows.signals.items()
+    )
+    return (
+        f"samples beyond the first {states} of each window: {counts or 'none'}; need {FEWEST} of a signal: "
+        "record faster or drive longer"
+    )
 
 
 @dataclass(frozen=True)

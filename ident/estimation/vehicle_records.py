@@ -101,6 +101,10 @@ class SignalSamples:
     starts: Index
     period: float
 
+    def beyond(self, states: int) -> int:
+        """Count the samples that initial states of each window, so many, do not follow whatever they are."""
+        return int(np.maximum(np.diff(self.begins) - states, 0).sum())
+
     def at(self, grid: Array) -> Array:
         """(n, c) values of columns (N, c) on the grid of all windows, at the samples."""
         return _at_samples(np.ascontiguousarray(grid), self.first, self.weights)

@@ -18,7 +18,13 @@ def record(seconds=35.0, *, begin=100.0, step=0.01, run=0, rate=50.0, signal="ya
     times = begin + step * np.arange(round(seconds / step) + 1)
     stamps = np.arange(begin + 0.003, times[-1], 1 / rate)
     return MotionRecord(
-        run, times, cubic(times), 10.0 + 0 * times, {signal: Samples(stamps, cubic(stamps))}, -2.1, (0.6, 0.1)
+        run,
+        times,
+        cubic(times),
+        10.0 + 0 * times,
+        {signal: Samples(stamps, cubic(stamps))},
+        reference_x=-2.1,
+        imu=(0.6, 0.1),
     )
 
 

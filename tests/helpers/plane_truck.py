@@ -52,7 +52,7 @@ def magic(stiffness: float, peak: float, shape: float, curvature: float) -> Forc
     return force
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlaneTruck:
     """What the truck is; ``bank``: sine of the bank where the heading is 0 and where it is 90 degrees."""
 
@@ -104,8 +104,12 @@ class PlaneTruck:
         seed: int | None = None,
         pose: tuple[float, float, float] = (0.3, 40.0, -25.0),
         noise: Mapping[str, float] = NOISE,
+        colour: float = 0.0,
     ) -> MotionRecord:
-        """Drive and measure; ``pose``: heading and place of the CG at first; no noise without a seed."""
+        """Drive and measure, without noise unless a seed is given.
+
+        pose : heading and place of the CG at first; colour : correlation of successive samples of the noise
+        """
         inputs = np.column_stack([angle, speed])
         states = [(0.0, 0.0, *pose)]
         for before, after in pairwise(inputs):
@@ -115,13 +119,25 @@ class PlaneTruck:
         random = np.random.default_rng(seed)
         measured = {}
         for name, values in _sensed(np.array(states), felt).items():
-            error = noise.get(name, 0.0) * random.standard_normal(times.size) if seed is not None else 0.0
+            error = np.zeros(times.size)
+            if seed is not None:
+                error = noise.get(name, 0.0) * _correlated(random.standard_normal(times.size), colour)
             measured[name] = Samples(times, values + error + self.biases.get(name, 0.0))
-        return MotionRecord(run, times, inputs[:, 0], inputs[:, 1], measured, REFERENCE_X, IMU)
+        return MotionRecord(
+            run, times, inputs[:, 0], inputs[:, 1], measured, reference_x=REFERENCE_X, imu=IMU
+        )
 
 
 def _ahead(state: tuple[float, ...], slope: tuple[float, ...], step: float) -> tuple[float, ...]:
     return tuple(x + step * dx for x, dx in zip(state, slope, strict=True))
+
+
+def _correlated(white: Array, colour: float) -> Array:
+    """Stationary noise of standard deviation one from white numbers."""
+    made = white.copy()
+    for k in range(1, white.size):
+        made[k] = colour * made[k - 1] + math.sqrt(1 - colour**2) * white[k]
+    return made
 
 
 def _sensed(states: Array, felt: Array) -> dict[str, Array]:
@@ -136,11 +152,13 @@ def _sensed(states: Array, felt: Array) -> dict[str, Array]:
     }
 
 
-def inputs(seconds: float, *, most: float = 0.09, seed: int = 0, speed: float = 12.0) -> tuple[Array, Array]:
-    """Road-wheel angle [rad] of a few sines up to ``most``, and a speed that varies by 2 m/s."""
+def inputs(
+    seconds: float, *, most: float = 0.09, seed: int = 0, speed: float = 12.0, mean: float = 0.0
+) -> tuple[Array, Array]:
+    """Road-wheel angle [rad] of a few sines up to ``most`` around a mean, a speed that varies by 2 m/s."""
     random = np.random.default_rng([seed, 77])
     times = STEP * np.arange(round(seconds / STEP) + 1)
     angle = np.zeros(times.size)
     for frequency, share in ((0.11, 0.35), (0.27, 0.35), (0.63, 0.2), (1.1, 0.1)):
         angle += share * np.sin(2 * np.pi * frequency * times + random.uniform(0, 2 * np.pi))
-    return most * angle, speed + 2.0 * np.sin(2 * np.pi * 0.07 * times + random.uniform(0, 2 * np.pi))
+    return mean + most * angle, speed + 2.0 * np.sin(2 * np.pi * 0.07 * times + random.uniform(0, 2 * np.pi))
