@@ -92,8 +92,8 @@ def _echoes(runs: Sequence[Run]) -> list[Check]:
     ]
     lags = [lag for _, (_, lag) in found if lag is not None]
     if lags:
-        low, high = min(lags), max(lags)
-        text = f"it follows the request {low:.2f} to {high:.2f} s late in {len(lags)} runs"
+        count = f"{len(lags)} run{'s' if len(lags) > 1 else ''}"
+        text = f"it follows the request {_range([round(lag, 2) for lag in lags])} s late in {count}"
         made.append(Check(ECHOED, "fine", text))
     return made
 
