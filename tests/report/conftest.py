@@ -6,6 +6,7 @@ purpose: they come from a log, and a log is not to be trusted.
 
 from dataclasses import replace
 
+import evaluate_case as evaluation
 import numpy as np
 import pandas as pd
 import pytest
@@ -405,3 +406,12 @@ def tyres_case(steering_case):
     made = replace(provenance(tyre_case.RUNS), command="ident tyres sample_logs/")
     health = [run_health(name, 40.0) for name in tyre_case.RUNS]
     return tyre_case.build_result(tables, made, health), tables
+
+
+@pytest.fixture(scope="session")
+def evaluate_case(steering_case):
+    """The evaluation and its table; tests must not change them."""
+    table = evaluation.build_table()
+    made = replace(provenance(evaluation.RUNS), command="ident evaluate sample_logs/")
+    health = [run_health(name, 26.0) for name in evaluation.RUNS]
+    return evaluation.build_result(table, made, health), {"evaluate": table}

@@ -12,10 +12,13 @@ import pytest
 from ident.report.html import (
     content_policy,
     csv_address,
+    download_name,
     embed_json,
+    json_address,
     plotly_script,
     render,
     table_csv,
+    table_json,
     write_report,
 )
 from ident.report.page import Cell, Code, Column, Details, Facts, Lines, Page, Section, Table, Text, Verdict
@@ -113,6 +116,52 @@ def test_a_spreadsheet_does_not_compute_a_name_from_a_log(text):
 
 def test_a_negative_number_stays_a_number():
     assert table_csv(Table([Column("a")], [[Cell("−0.8", raw=-0.8)]])).splitlines()[1] == "-0.8"
+
+
+def test_a_table_is_given_as_json_too_with_a_name_for_each_column():
+    table = Table(
+        [Column(""), Column("run"), Column("run")], [["a", "b", Cell("0.9", raw=0.98765432)], ["c", "d", "–"]]
+    )
+    expected = [
+        {"column 1": "a", "run": "b", "run (3)": 0.98765432},
+        {"column 1": "c", "run": "d", "run (3)": "–"},
+    ]
+    assert json.loads(table_json(table)) == expected
+    address = json_address(table)
+    assert address.startswith("data:application/json;")
+    assert json.loads(base64.b64decode(address.partition("base64,")[2])) == expected
+
+
+def test_records_stand_for_the_rows_in_both_downloads():
+    records = [{"model": "=linear", "rms": 0.1}, {"model": "brush", "rms": float("nan"), "low": None}]
+    table = Table([Column("shown")], [["rounded"]], records=records)
+    assert list(csv.reader(io.StringIO(table_csv(table)))) == [
+        ["model", "rms", "low"],
+        ["'=linear", "0.1", ""],
+        ["brush", "nan", ""],
+    ]
+    assert json.loads(table_json(table)) == [
+        {"model": "=linear", "rms": 0.1, "low": None},
+        {"model": "brush", "rms": None, "low": None},
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("tyre_runs.csv", "tyre_runs.json"),
+        ("../../etc/passwd", "etc_passwd.json"),
+        ('a"b<c>.csv', "a_b_c.json"),
+        ("..", "table.json"),
+    ],
+)
+def test_a_download_has_a_name_that_is_safe_on_every_system(name, expected):
+    assert download_name(name, "json") == expected
+
+
+def test_every_table_of_a_page_with_a_download_gives_both(document):
+    names = re.findall(r'<a download="([^"]+)" href="data:(text/csv|application/json);', document)
+    assert names == 2 * [("t.csv", "text/csv"), ("t.json", "application/json")]
 
 
 def test_replaces_the_report_whole_and_leaves_nothing_else(tmp_path):

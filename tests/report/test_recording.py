@@ -3,14 +3,15 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import evaluate_case as evaluation
 import numpy as np
 import pytest
 import tyre_case
 from rerun.chunk import RrdReader
 
-from ident.report import recording
+from ident.report import evaluated, recording
 from ident.report.numbers import shorten
-from ident.report.outline import outline, outline_of
+from ident.report.outline import outline, outline_from, outline_of
 from ident.report.recording import motion, parts, steering
 from ident.report.tyre_signals import by_agreement
 from ident.results import Experiment
@@ -253,8 +254,8 @@ def test_a_log_without_positions_is_recorded_without_a_path(tyres_case, tmp_path
 
 
 def test_several_stages_have_a_tab_each(steering_case, tyres_case, tmp_path):
-    parts = [recording.steering_part(*steering_case), recording.tyres_part(*tyres_case)]
-    recording.write_recording(tmp_path / "both.rrd", parts, "tyres")
+    both = [recording.steering_part(*steering_case), recording.tyres_part(*tyres_case)]
+    recording.write_recording(tmp_path / "both.rrd", both, "tyres")
     assert {"Steering", "Tyres"} <= set(views(tmp_path / "both.rrd"))
     roots = {entity.split("/")[1] for entity in columns(tmp_path / "both.rrd")}
     assert roots == {"steering", "tyres"}
@@ -283,7 +284,70 @@ def test_the_outline_stands_about_the_cg_where_nothing_tells_another_point(tyres
     assert outline_of(tyres_case[0], tyre_case.RUNS[0]).front_wheels[0, 0] == pytest.approx(4.5)
 
 
-@pytest.mark.parametrize("name", ["written", "driven"])
+# --- evaluation ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def predicted(evaluate_case, tmp_path_factory):
+    path = tmp_path_factory.mktemp("recording") / "run.rrd"
+    write(path, recording.evaluate_part(*evaluate_case))
+    return path
+
+
+def test_each_model_has_a_ghost_that_drives_where_it_was_simulated(predicted, evaluate_case):
+    run = evaluation.RUNS[0]
+    rows = evaluate_case[1]["evaluate"].query("run == @run")
+    for way, ending in (
+        ("measured", ""),
+        ("kinematic", "__kinematic"),
+        ("brush__request", "__brush__request"),
+    ):
+        time, place, heading = moved(predicted, f"{parts.origin('evaluate', run)}/truck/{way}")
+        at = np.searchsorted(rows["time"], time - 1e-9)
+        for axis, signal in enumerate(("position_x", "position_y")):
+            expected = rows[f"{signal}{ending}"].to_numpy()[at] - rows[signal].iloc[0]
+            np.testing.assert_allclose(place[:, axis], expected, atol=1e-4)
+        np.testing.assert_allclose(heading, rows[f"heading{ending}"].to_numpy()[at], atol=1e-5)
+
+
+def test_the_residual_of_every_model_is_there(predicted, evaluate_case):
+    found = columns(predicted)
+    for run, rows in evaluate_case[1]["evaluate"].groupby("run"):
+        root = parts.origin("evaluate", run)
+        for model in evaluation.MODELS:
+            values = found[f"{root}/yaw_rate/residual/{model}"][1]
+            np.testing.assert_allclose(values, rows["yaw_rate"] - rows[f"yaw_rate__{model}"])
+        assert f"{root}/yaw_rate/brush" in found
+        assert f"{root}/road_wheel_angle/residual/linear" not in found
+
+
+def test_the_evaluation_opens_on_the_run_that_is_followed_worst(predicted, evaluate_case):
+    result, tables = evaluate_case
+    ranked = evaluated.by_agreement(result, evaluation.RUNS)
+    tabs = [tab.name for tab in recording.evaluate_part(result, tables).tabs]
+    assert tabs == [shorten(run, 40) for run in ranked[::-1]]
+    assert {"path", "truck", "yaw rate [rad/s]", "yaw rate, residual [rad/s]", "result"} <= set(
+        views(predicted)
+    )
+
+
+def test_an_evaluation_of_nothing_is_recorded(evaluate_case, tmp_path):
+    result, tables = evaluate_case
+    write(tmp_path / "a.rrd", recording.evaluate_part(replace(result, models=[], chosen=None), {}))
+    assert views(tmp_path / "a.rrd") == ["result"]
+    kept = tables["evaluate"][["run", "time", "speed", "yaw_rate", "yaw_rate__linear"]]
+    write(tmp_path / "b.rrd", recording.evaluate_part(result, {"evaluate": kept}))
+    assert "path" not in views(tmp_path / "b.rrd")
+    assert "yaw rate, residual [rad/s]" in views(tmp_path / "b.rrd")
+
+
+def test_the_truck_of_an_evaluation_has_its_axles_where_they_are():
+    known = {"cg_to_front_axle": 2.4, "cg_to_rear_axle": 2.1, "reference_x": -2.1}
+    assert outline_from(known).front_wheels[0, 0] == pytest.approx(4.5)
+    assert outline_from({}).front_wheels[0, 0] == 2.3
+
+
+@pytest.mark.parametrize("name", ["written", "driven", "predicted"])
 def test_rerun_itself_accepts_the_file(name, request):
     tool = Path(sys.executable).with_name("rerun")
     if not tool.exists():

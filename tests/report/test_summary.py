@@ -3,8 +3,14 @@ from dataclasses import replace
 import pytest
 from tyre_case import NO_PEAK
 
-from ident.report.summary import describe_steering, describe_tyres, experiment_lines, parameter_lines
-from ident.results import Bandwidth, Cutoff, Estimate, Experiment, Refusal
+from ident.report.summary import (
+    describe_evaluate,
+    describe_steering,
+    describe_tyres,
+    experiment_lines,
+    parameter_lines,
+)
+from ident.results import Bandwidth, Cutoff, Estimate, Experiment, Refusal, Requirement
 
 
 def test_says_verdict_parameters_fit_and_what_to_do_next(steering_case):
@@ -113,3 +119,51 @@ def test_tyres_without_anything_known_are_still_described(tyres_case):
     assert "slip angles excited: none" in text
     assert "\x1b" not in text
     assert "taken as exact" not in text
+
+
+def test_the_evaluation_says_verdict_choice_errors_and_what_to_do_next(evaluate_case):
+    result = evaluate_case[0]
+    lines = describe_evaluate(result).splitlines()
+    assert lines[0] == result.verdict
+    assert lines[1] == f"  chosen: brush ({result.why})"
+    assert lines[2].endswith("(whole runs)")
+    assert lines[-1] == f"next: {result.next_step}"
+
+
+def test_each_model_has_a_line_with_what_is_beyond_marked(evaluate_case):
+    result = evaluate_case[0]
+    lines = [line.split() for line in describe_evaluate(result).splitlines()]
+    errors = next(model for model in result.models if model.name == "kinematic").windows["2 s"]
+    kinematic = next(line for line in lines if line[:1] == ["kinematic"])
+    assert kinematic[1:3] == ["✗", f"{1e3 * errors['yaw_rate'].value:.3g}"]
+    position = (errors["position_x"].value ** 2 + errors["position_y"].value ** 2) ** 0.5
+    assert kinematic[5:] == ["✗", f"{position:.3g}", "0", "21.0"]
+    assert next(line for line in lines if line[:1] == ["linear"])[2:4] == [
+        "≈",
+        f"{result.models[1].windows['2 s']['lateral_acceleration'].value:.3g}",
+    ]
+    assert ["brush,", "on", "the", "request"] in [line[:4] for line in lines]
+
+
+@pytest.mark.parametrize(
+    ("measured", "met", "line"),
+    [
+        (0.0068, True, "requirement met: yaw rate 0.00680 rad/s, at most 0.0200 rad/s"),
+        (0.031, False, "requirement NOT met: yaw rate 0.0310 rad/s, at most 0.0200 rad/s"),
+        (None, None, "requirement not measured: yaw rate at most 0.0200 rad/s"),
+    ],
+)
+def test_a_requirement_stands_with_what_was_measured(evaluate_case, measured, met, line):
+    told = Requirement("yaw_rate", 0.02, measured, "rad/s", met)
+    assert line in describe_evaluate(replace(evaluate_case[0], requirements=[told])).splitlines()
+
+
+def test_a_warning_that_is_a_check_is_told_once_and_nothing_reaches_the_terminal(evaluate_case):
+    check = replace(evaluate_case[0].checks[2], text="\x1b[2J off by 2 m")
+    result = replace(
+        evaluate_case[0], checks=[check], warnings=[check.text], models=[], held_out=["\x9b31m"], chosen=None
+    )
+    text = describe_evaluate(result)
+    assert text.count("off by 2 m") == 1
+    assert not {"\x1b", "\x9b"} & set(text)
+    assert "  chosen: none" in text

@@ -134,7 +134,7 @@ def topics_table(run: RunHealth) -> Table:
         "jitter: spread of the period in parts of the period",
         "delay: log time minus header stamp, median and 95 % point",
     ]
-    return Table(columns, rows, caption="Topics", notes=notes, scroll=len(rows) > 15)
+    return Table(columns, rows, caption="Topics", notes=notes, download="topics.csv", scroll=len(rows) > 15)
 
 
 def _topic_row(topic: TopicHealth) -> list[Cell]:
@@ -191,7 +191,7 @@ def signals_table(run: RunHealth) -> Table:
         ]
         for name, signal in run.signals.items()
     ]
-    return Table(columns, rows, caption="Signals")
+    return Table(columns, rows, caption="Signals", download="signals.csv")
 
 
 def latency_table(run: RunHealth) -> Table:
@@ -218,7 +218,9 @@ def latency_table(run: RunHealth) -> Table:
                 Cell(delay.status.replace("_", " "), detail=delay.reason),
             ]
         )
-    return Table(columns, rows, caption="Latencies", notes=["measured, not corrected"])
+    return Table(
+        columns, rows, caption="Latencies", notes=["measured, not corrected"], download="latencies.csv"
+    )
 
 
 def gap_figure(run: RunHealth) -> Figure | None:
@@ -286,11 +288,13 @@ def provenance_blocks(provenance: Provenance) -> list[Block]:
         ],
         [[Cell(file.path), Cell(str(file.bytes)), Cell(file.sha256)] for file in provenance.files],
         caption="Files read",
+        download="files.csv",
         scroll=len(provenance.files) > 10,
     )
     applied = Table(
         [Column("run", wrap=True), Column("channel map, vehicle file and recipe that applied", wrap=True)],
         [[Cell(run), Cell(what)] for run, what in provenance.applied.items()],
+        download="applied.csv",
         scroll=len(provenance.applied) > 10,
     )
     return [Code(provenance.command), facts, *([applied] if provenance.applied else []), files]

@@ -263,6 +263,7 @@ def fixed_values(result: TyresResult) -> list[Block]:
     stated = Table(
         [Column("taken as given"), Column("value", "number"), Column("from", wrap=True)],
         [[Cell(name.replace("_", " ")), *_given(given)] for name, given in result.fixed.items()],
+        download="tyre_given.csv",
     )
     return [*_examples(result, fit), stated, *_sensitivity(result, fit)]
 

@@ -11,6 +11,7 @@ import rerun.blueprint as rrb
 from ident.glossary import SIGNALS
 from ident.report.condense import Line
 from ident.report.evaluate_signals import (
+    compares,
     measured,
     measured_signals,
     on_request,
@@ -78,9 +79,10 @@ def _lines(result: EvaluateResult, rows: pd.DataFrame, models: Sequence[str]) ->
     lines = {"road_wheel_angle/measured": measured(rows, "road_wheel_angle")}
     for signal in measured_signals(rows, models):
         lines[f"{signal}/measured"] = measured(rows, signal)
-        if shown is not None:
+        own = [model for model in models if compares(rows, signal, [model])]
+        if shown is not None and shown.name in own:
             lines[f"{signal}/{shown.name}"] = simulated(rows, signal, shown.name)
-        lines |= {f"{signal}/residual/{model}": residual(rows, signal, model) for model in models}
+        lines |= {f"{signal}/residual/{model}": residual(rows, signal, model) for model in own}
     return {entity: line for entity, line in lines.items() if line.time.size}
 
 
