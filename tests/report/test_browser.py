@@ -7,6 +7,7 @@ import pytest
 from playwright.sync_api import sync_playwright
 
 from ident.report.html import write_report
+from ident.report.pages.evaluate import evaluate_page
 from ident.report.pages.info import info_page
 from ident.report.pages.steering import steering_page
 from ident.report.pages.tyres import tyres_page
@@ -201,3 +202,47 @@ def test_the_scale_of_the_points_follows_a_dark_screen(browser, tyres_report):
     assert "rgb(35, 58, 70)" not in fills
     assert opened.said == []
     opened.tab.close()
+
+
+# --- evaluation ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def evaluate_visit(browser, tyres_case, evaluate_case, tmp_path_factory):
+    pages = [tyres_page(*tyres_case), evaluate_page(*evaluate_case)]
+    opened = Visit(browser, write_report(tmp_path_factory.mktemp("report"), pages))
+    yield opened
+    opened.tab.close()
+
+
+def test_the_first_screen_of_the_evaluation_holds_verdict_models_and_all_four_panels(evaluate_visit):
+    assert "cost [ns/step]" in evaluate_visit.tab.inner_text("#evaluate .lead table").replace("\n", " ")
+    for selector in (".verdict", ".lead table", ".lead .figure"):
+        box = evaluate_visit.boxes(f"#evaluate {selector}")[0]
+        assert box["width"] > 400
+        assert box["y"] + box["height"] <= 900
+    table, holder = (evaluate_visit.boxes(f"#evaluate .lead {one}")[0] for one in ("table", ".table"))
+    assert table["width"] <= holder["width"] + 1
+    panels = ", ".join(f"#evaluate .lead .subplot.{name}" for name in ("xy", "x2y2", "x3y3", "x4y4"))
+    assert len(evaluate_visit.tab.query_selector_all(f".cartesianlayer :is({panels})")) == 4
+
+
+def test_every_figure_of_the_evaluation_is_drawn_and_nothing_is_said_or_executed(evaluate_visit):
+    counts = drawn_lines(evaluate_visit.tab, "#evaluate")
+    assert len(counts) == 5
+    assert min(counts) > 0
+    assert evaluate_visit.tab.query_selector_all("#evaluate .lead .heatmaplayer .hm")
+    assert evaluate_visit.said == []
+    assert evaluate_visit.tab.evaluate("window.injected") is None
+    assert "<img src=x onerror=" in evaluate_visit.tab.inner_text("#evaluate-runs")
+    assert evaluate_visit.tab.query_selector_all("main img") == []
+
+
+def test_a_table_is_downloaded_as_csv_and_json_without_a_network(evaluate_visit):
+    for suffix, begin in (("csv", "model,input,over,signal,rms"), ("json", '[\n {\n  "model"')):
+        link = f"#evaluate .lead a[download$='.{suffix}']"
+        with evaluate_visit.tab.expect_download() as waited:
+            evaluate_visit.tab.click(link)
+        assert waited.value.suggested_filename == f"evaluate_models.{suffix}"
+        assert waited.value.path().read_text(encoding="utf-8").startswith(begin)
+    assert [url for url in evaluate_visit.asked if not url.startswith(("file:", "data:", "blob:"))] == []
