@@ -69,6 +69,9 @@ class Seal:
     refused: str | None = None
 
 
+_SEAL = TypeAdapter(Seal)
+
+
 class Seals:
     """The seals of one output folder."""
 
@@ -118,7 +121,7 @@ class Seals:
 
     def _said(self, name: str) -> Seal | None:
         try:
-            seal = TypeAdapter(Seal).validate_json(self.path(name).read_bytes())
+            seal = _SEAL.validate_json(self.path(name).read_bytes())
         except (OSError, ValidationError):
             return None
         return seal if all(_OURS.fullmatch(place) for place in seal.files) else None

@@ -6,6 +6,7 @@ holds SI values only and neither NaN nor infinity. ``model.yaml`` is put togethe
 
 from __future__ import annotations
 
+import functools
 import json
 import re
 from collections.abc import Sequence
@@ -98,7 +99,7 @@ class Store:
         try:
             if json.loads(data).get("schema_version") != SCHEMA_VERSION:
                 return None
-            return TypeAdapter(RESULTS[stage]).validate_json(data)
+            return _adapter(RESULTS[stage]).validate_json(data)
         except ValidationError:
             return None
 
@@ -144,6 +145,11 @@ class Store:
     def _write_text(self, path: Path, text: str) -> None:
         with atomic(path) as temporary:
             temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+@functools.cache
+def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
 
 
 def result_text(result: Any) -> str:
