@@ -145,13 +145,16 @@ def _compared(
     )
     scale = fit_scale(one.needed, one.measured, one.run)
     number = TYRES[fit.kind].names.index("cornering_stiffness")
+    own = curve["cornering_stiffness"]
     return ForceComparison(
         axle=one.axle,  # type: ignore[arg-type]
         from_forces=_stiffness(found, number),
-        from_motion=curve["cornering_stiffness"],
+        from_motion=own,
         scale=_scale(scale),
         correlation=_correlation(one),
-        reason="; ".join([*_reasons(one, scale, body, runs), *_of_curve(through, number), *left_out]),
+        reason="; ".join(
+            [*_reasons(one, scale, body, runs), *_of_curves(found, through, own, number), *left_out]
+        ),
     )
 
 
@@ -193,16 +196,22 @@ def _of_scale(scale: Fitted) -> str:
     if abs(more) <= error:
         return f"the measured force is what the motion needs, within {error:.2g} %"
     what = "larger" if more > 0 else "smaller"
-    return f"the measured force is {abs(more):.0f} ± {error:.1g} % {what} than the motion needs"
+    return f"the measured force is {abs(more):.0f} ± {_error(error)} % {what} than the motion needs"
 
 
-def _of_curve(through: Fitted, number: int) -> list[str]:
-    """Say what the same curve gives through the forces that the motion needs: no wheel force is in it."""
-    value = float(np.exp(through.estimates[number]))
-    if through.std(number) > WEAK:
+def _of_curves(found: Fitted, through: Fitted, own: Estimate, number: int) -> list[str]:
+    """Part the ratio of both stiffnesses: the same curve through the needed forces lies between them."""
+    if through.std(number) > WEAK or found.std(number) > WEAK or not own.value:
         return []
-    told = f"{value / 1e3:.1f} ± {value * through.half_width(number) / 1e3:.1g} kN/rad"
-    return [f"the same curve through the forces that the motion needs gives {told}"]
+    middle = float(np.exp(through.estimates[number]))
+    force, rest = float(np.exp(found.estimates[number])) / middle, middle / own.value
+    told = f"{middle / 1e3:.1f} ± {_error(middle * through.half_width(number) / 1e3)} kN/rad"
+    shares = f"of the stiffness ratio {force * rest:.2f} the forces themselves make {force:.2f}"
+    offset = "whose slope at zero slip trades against the offset of the steering and the shape of the curve"
+    return [
+        f"the same curve through the forces that the motion needs gives {told}",
+        f"{shares}, and {rest:.2f} lies between these points and the fit of the motion, {offset}",
+    ]
 
 
 def _growth(one: Axle) -> list[str]:
@@ -220,12 +229,16 @@ def _growth(one: Axle) -> list[str]:
     return [f"{told}: it {grows} with the load on the outer wheel, which one scale or a wrong mass does not"]
 
 
+def _error(size: float) -> str:
+    return f"{size:.0f}" if size >= 10 else f"{size:.1g}"
+
+
 def _ratio(one: Axle) -> Fitted:
     return fit_scale(one.needed, one.measured, one.run)
 
 
 def _percent(found: Fitted) -> str:
-    return f"{100 * (float(found.estimates[0]) - 1):+.0f} ± {100 * found.half_width(0):.1g} %"
+    return f"{100 * (float(found.estimates[0]) - 1):+.0f} ± {_error(100 * found.half_width(0))} %"
 
 
 def _trail(one: Axle, scale: Fitted, body: Body) -> list[str]:
