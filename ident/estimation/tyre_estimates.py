@@ -247,9 +247,9 @@ def _warnings(found: KindFit) -> list[str]:
         if name not in found.problem.signals
     ]
     if found.fit.is_coloured:
-        slow = found.fit.slow
+        slow = ", ".join(name.replace("_", " ") for name in found.fit.slow)
         told.append(
-            f"what is left of {', '.join(slow)} is slower than noise: the model lacks something, and the "
+            f"what is left of {slow} is slower than noise: the model lacks something, and the "
             "intervals rest on the spread over time"
         )
     return told

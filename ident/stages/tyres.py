@@ -230,7 +230,9 @@ def _result(
 def _verdict(own: TyreFit, found: KindFit) -> str:
     parts = [f"{axle} {_kilo(getattr(own, axle)['cornering_stiffness'])} kN/rad" for axle in AXLES]
     handling = _handling(own.understeer_gradient)
-    rms = "; ".join(f"{name.replace('_', ' ')} to {own.rms[name]:.2g} {UNITS[name]}" for name in _first(own))
+    rms = "; ".join(
+        f"{name.replace('_', ' ')} to {_size(own.rms[name], UNITS[name])}" for name in _first(own)
+    )
     rest = " (more than its noise: the model lacks something)" if found.fit.is_coloured else ""
     return f"{NAMES[own.kind]} axles: cornering stiffness {', '.join(parts)}; {handling}; {rms}{rest}"
 
@@ -245,13 +247,20 @@ def _kilo(one: Estimate) -> str:
     return f"{one.value / 1e3:.4g} ± {1.96 * one.std / 1e3:.2g}"
 
 
+def _size(value: float, unit: str) -> str:
+    """An error as it is read: angles in mrad, powers raised."""
+    factor, shown = (1e3, f"m{unit}") if unit.startswith("rad") else (1.0, unit.replace("^2", "²"))
+    return f"{factor * value:.2g} {shown}"
+
+
 def _handling(gradient: Estimate) -> str:
     if gradient.value is None or gradient.std is None:
         return "understeer unknown"
-    kind = "understeers" if gradient.value > 0 else "oversteers"
-    if abs(gradient.value) < 1.96 * gradient.std:
-        kind = "neutral within its error"
-    return f"{kind} by {gradient.value:.3g} ± {1.96 * gradient.std:.1g} rad s²/m"
+    value, half = 1e3 * gradient.value, 1.96e3 * gradient.std
+    if abs(value) < half:
+        return f"neutral within its error ({value:.2g} ± {half:.2g} mrad/(m/s²))"
+    kind = "understeers" if value > 0 else "oversteers"
+    return f"{kind} by {abs(value):.3g} ± {half:.2g} mrad/(m/s²)"
 
 
 def _next_step(own: TyreFit, data: TyreData) -> str | None:
