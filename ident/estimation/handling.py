@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 SETTLED = 1.0  # [s]
-STEADY, STEADY_SPEED = 0.6, 0.5  # [m/s²], [m/s]
+STEADY, STEADY_SPEED = 1.5, 0.5  # [m/s²], [m/s]
 LEAST_SPEED = 3.0  # [m/s]
 SMALL = 0.15  # [rad]: with slip, atan(L r/v) is wrong by (L r/v)² times the slip angle
 LINEAR = 2.0  # [m/s²] up to which the gradient is that of the linear range
