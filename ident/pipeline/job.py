@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from ident.errors import NotIdentifiable
+from ident.errors import BadRecipe, NotIdentifiable
 from ident.pipeline.files import plain
 from ident.pipeline.hashes import Hashes, code_version
 from ident.pipeline.recipe import Recipe
@@ -46,6 +46,7 @@ class Job:
     hashes: Hashes = field(default_factory=Hashes)
     steps: dict[str, Step] = field(default_factory=dict)
     _files: dict[str, str] = field(default_factory=dict)
+    _runs: list[str] = field(default_factory=list)
 
     def prepare(self) -> None:
         """Look at all files that decide on the results, and remove what a killed run had begun.
@@ -64,7 +65,16 @@ class Job:
         for number, file in enumerate(listed):
             self.context.progress("looking for changes", number, len(listed))
             self._files[plain(f"{file.run}: {file.name}")] = self.hashes.of(file.path)
+        self._runs = list(dict.fromkeys(file.run for file in listed))
         self.hashes.save()
+
+    def check_split(self) -> None:
+        """Raise ``BadRecipe`` where the recipe says what is held out, and that is nothing."""
+        split = self.recipe.split
+        held_out = [run for run in self._runs if split.holds_out(run) or split.block_of(run)]
+        if split.is_stated and not held_out:
+            said = ", ".join([*(split.held_out or ()), *(split.blocks or ())])
+            raise BadRecipe(f"split: {said} names no run: the runs are {', '.join(self._runs)}")
 
     def materialise_split(self) -> None:
         """State in full what is held out, where the recipe does not: drawn once, for all stages alike."""

@@ -47,6 +47,8 @@ def run_stage(stage: str, logs: Sequence[Path], options: RunOptions, progress: P
         With one line for the user; the stage has written nothing then unless it says so.
     """
     with _job(stage, logs, options, progress) as job:
+        if "split" in STAGES[stage].settings:
+            job.check_split()
         if STAGES[stage].needs:
             job.materialise_split()
         job.bring(stage, again=True)
@@ -71,6 +73,7 @@ def run_recipe(recipe: Path, logs: Sequence[Path], options: RunOptions, progress
         With one line for the user: a wrong recipe before any log is opened.
     """
     with _job("run", logs, _with_recipe(options, recipe), progress) as job:
+        job.check_split()
         job.materialise_split()
         for stage in STAGES:
             job.bring(stage)

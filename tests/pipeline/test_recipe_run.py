@@ -277,6 +277,17 @@ def test_a_split_of_the_recipe_is_taken_as_it_stands(fakes: dict[str, Fake]) -> 
     assert not (OUT / ".ident" / "split.json").exists()
 
 
+def test_a_split_that_names_no_run_is_refused_before_any_log_is_opened(fakes: dict[str, Fake]) -> None:
+    recipe('split: {held_out: ["*_c"], blocks: {run_d: [1 s, 2 s]}}')
+    with pytest.raises(BadRecipe, match=r"split: \*_c, run_d names no run: the runs are run_a, run_b"):
+        go()
+    options = RunOptions(recipe=Path("recipe.yaml"), out=OUT)
+    with pytest.raises(BadRecipe, match="names no run"):
+        run_stage("tyres", [Path("logs")], options, lambda *_: None)
+    run_stage("steering", [Path("logs")], options, lambda *_: None)
+    assert computed(fakes) == ["steering"]
+
+
 def test_one_stage_alone_takes_what_it_needs_from_the_store(fakes: dict[str, Fake]) -> None:
     go()
     computed(fakes)
