@@ -6,10 +6,9 @@ holds SI values only and neither NaN nor infinity. ``model.yaml`` is put togethe
 
 from __future__ import annotations
 
-import functools
 import json
 import re
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,6 +41,7 @@ class Store:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.seals = Seals(folder)
+        self._readers: dict[str, TypeAdapter[Any]] = {}
 
     @property
     def model_path(self) -> Path:
@@ -99,7 +99,7 @@ class Store:
         try:
             if json.loads(data).get("schema_version") != SCHEMA_VERSION:
                 return None
-            return _adapter(RESULTS[stage]).validate_json(data)
+            return self._reader(stage).validate_json(data)
         except ValidationError:
             return None
 
@@ -135,6 +135,11 @@ class Store:
         for folder in (self.folder, self.folder / "signals", self.folder / KEPT):
             remove_left_behind(folder)
 
+    def _reader(self, stage: str) -> TypeAdapter[Any]:
+        if stage not in self._readers:
+            self._readers[stage] = TypeAdapter(RESULTS[stage])
+        return self._readers[stage]
+
     def _make_way(self, stage: str, files: Sequence[Path]) -> None:
         """Remove what a stage made before and does not write again, then its seal."""
         for path in self.seals.files(stage):
@@ -145,11 +150,6 @@ class Store:
     def _write_text(self, path: Path, text: str) -> None:
         with atomic(path) as temporary:
             temporary.write_text(text, encoding="utf-8", newline="\n")
-
-
-@functools.cache
-def _adapter(kind: Hashable) -> TypeAdapter[Any]:
-    return TypeAdapter(kind)
 
 
 def result_text(result: Any) -> str:
