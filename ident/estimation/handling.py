@@ -52,6 +52,17 @@ IDENTIFIED, WEAK = 0.1, 0.5  # relative standard errors
 
 
 @dataclass(frozen=True)
+class Figure(Estimate):
+    """An estimate that remembers where its error comes from.
+
+    influence : (b,) what each block of driving, or each spectral line, adds to the error, None where unknown.
+        Two figures of the same driving have errors in common, which their difference has not.
+    """
+
+    influence: Array | None = None
+
+
+@dataclass(frozen=True)
 class Drive:
     """One uninterrupted stretch of motion of the centre of gravity on a uniform grid (m,).
 
@@ -220,7 +231,7 @@ def steady_states(given: Sequence[Drive], masks: Sequence[Mask]) -> SteadyStates
     )
 
 
-def understeer_gradient(states: SteadyStates, wheelbase: float) -> Estimate:
+def understeer_gradient(states: SteadyStates, wheelbase: float) -> Figure:
     """K of the linear range [rad s²/m]."""
     own = states.where(np.abs(states.lateral_acceleration) <= LINEAR)
     reason = _why_not(own)
@@ -228,11 +239,11 @@ def understeer_gradient(states: SteadyStates, wheelbase: float) -> Estimate:
         return unknown("rad s^2/m", reason)
     needed = own.angle - np.arctan(wheelbase * own.yaw_rate / own.speed)
     columns = np.column_stack([np.ones(needed.size), own.lateral_acceleration, own.yaw_acceleration])
-    value, std, freedom = coefficient(needed, columns, own.block, 1)
-    return estimate(value, std, "rad s^2/m", freedom)
+    value, influence, freedom = coefficient(needed, columns, own.block, 1)
+    return from_influence(value, influence, "rad s^2/m", freedom)
 
 
-def end_of_linear_range(states: SteadyStates, wheelbase: float) -> Estimate:
+def end_of_linear_range(states: SteadyStates, wheelbase: float) -> Figure:
     """|a_y| [m/s²] from which the steering departs by ``DEPARTURE`` from that of linear tyres."""
     reason = _why_not(states)
     if reason is not None:
@@ -241,17 +252,17 @@ def end_of_linear_range(states: SteadyStates, wheelbase: float) -> Estimate:
     needed = states.angle - np.arctan(wheelbase * states.yaw_rate / states.speed)
     columns = np.column_stack([np.ones(size.size), size, states.yaw_acceleration, size**3])
     linear, _, _ = coefficient(needed, columns, states.block, 1)
-    cubic, std, freedom = coefficient(needed, columns, states.block, 3)
+    cubic, influence, freedom = coefficient(needed, columns, states.block, 3)
     most = float(np.quantile(np.abs(size), 0.99))
     per_acceleration = wheelbase / float(np.median(states.speed)) ** 2 + linear
     end = np.sqrt(DEPARTURE * abs(per_acceleration / cubic)) if cubic else np.inf
-    if end > most or abs(cubic) < 2 * std:
+    if end > most or abs(cubic) < 2 * np.linalg.norm(influence):
         return unknown(
             "m/s^2",
             f"the steering stays within {100 * DEPARTURE:g} % of that of linear tyres in steady cornering up "
             f"to {most:.1f} m/s², the hardest driven",
         )
-    return estimate(float(end), float(end * std / abs(2 * cubic)), "m/s^2", freedom)
+    return from_influence(float(end), -end / (2 * cubic) * influence, "m/s^2", freedom)
 
 
 def speed_classes(states: SteadyStates) -> list[float]:
@@ -260,7 +271,7 @@ def speed_classes(states: SteadyStates) -> list[float]:
     return [float(one) for one in numbers if one > 0 and _why_not(_near(states, float(one))) is None]
 
 
-def yaw_rate_gain(states: SteadyStates, wheelbase: float, speed: float) -> Estimate:
+def yaw_rate_gain(states: SteadyStates, wheelbase: float, speed: float) -> Figure:
     """Steady yaw rate over road-wheel angle [1/s] at a speed [m/s].
 
     Samples at other speeds near it are scaled by v/(L + K v²), with the gradient K of the same motion.
@@ -272,8 +283,8 @@ def yaw_rate_gain(states: SteadyStates, wheelbase: float, speed: float) -> Estim
     gradient = understeer_gradient(states, wheelbase).value or 0.0
     scale = (speed / (wheelbase + gradient * speed**2)) / (own.speed / (wheelbase + gradient * own.speed**2))
     columns = np.column_stack([np.ones(own.speed.size), own.yaw_rate * scale, own.yaw_acceleration])
-    inverse, std, freedom = coefficient(own.angle, columns, own.block, 1)
-    return estimate(1 / inverse, std / inverse**2, "1/s", freedom)
+    inverse, influence, freedom = coefficient(own.angle, columns, own.block, 1)
+    return from_influence(1 / inverse, -influence / inverse**2, "1/s", freedom)
 
 
 def _near(states: SteadyStates, speed: float) -> SteadyStates:
@@ -305,15 +316,33 @@ def _why_not(states: SteadyStates) -> str | None:
     return None
 
 
-def estimate(value: float, std: float, unit: str, freedom: float) -> Estimate:
+def from_influence(value: float, influence: Array, unit: str, freedom: float) -> Figure:
+    """Figure whose standard error is the norm of what the blocks add to it."""
+    return replace(estimate(value, float(np.linalg.norm(influence)), unit, freedom), influence=influence)
+
+
+def estimate(value: float, std: float, unit: str, freedom: float) -> Figure:
     """Put the interval of Student's t about a value."""
     reach = float(t.ppf(0.975, max(1.0, freedom))) * std
     relative = std / abs(value) if value else (0.0 if std == 0 else np.inf)
     status: Status = "identified" if relative <= IDENTIFIED else "weak"
     reason = None if status == "identified" else f"its standard error is {std:.2g}"
-    return Estimate(value, std, value - reach, value + reach, unit, status, reason)
+    return Figure(value, std, value - reach, value + reach, unit, status, reason)
 
 
-def unknown(unit: str, reason: str) -> Estimate:
+def unknown(unit: str, reason: str) -> Figure:
     """Give no value, and why."""
-    return Estimate(None, None, None, None, unit, "not_identifiable", reason)
+    return Figure(None, None, None, None, unit, "not_identifiable", reason)
+
+
+def std_of_difference(one: Figure, other: Figure) -> float:
+    """Standard error of the difference of two figures of the same driving.
+
+    Where it is not known what each block adds, the larger of the two errors.
+    """
+    if one.influence is None or other.influence is None:
+        return max(one.std or 0.0, other.std or 0.0)
+    parts = np.zeros((2, max(one.influence.size, other.influence.size)))
+    for row, figure in zip(parts, (one.influence, other.influence), strict=True):
+        row[: figure.size] = figure
+    return float(np.linalg.norm(parts[0] - parts[1]))

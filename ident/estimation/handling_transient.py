@@ -20,15 +20,14 @@ the yaw rate.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from ident.estimation.handling import CLASS, Drive, estimate, unknown
-from ident.results import Estimate
+from ident.estimation.handling import CLASS, Drive, Figure, estimate, unknown
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -57,6 +56,7 @@ class Response:
 
     gain, phase [rad] : with their standard errors; coherence [-]; freedom : degrees of freedom
     reason : why it is not to be used, None where it is
+    influence : (n,) what each line adds to the error, relative to the response: gain real, phase imaginary
     """
 
     gain: float
@@ -66,21 +66,24 @@ class Response:
     coherence: float
     freedom: int
     reason: str | None = None
+    influence: ComplexArray = field(default_factory=lambda: np.zeros(0, dtype=np.complex128))
 
-    def estimates(self, unit: str) -> tuple[Estimate, Estimate]:
+    def estimates(self, unit: str) -> tuple[Figure, Figure]:
         """Gain and phase."""
         if self.reason is not None:
             return unknown(unit, self.reason), unknown("rad", self.reason)
         gain = estimate(self.gain, self.gain_std, unit, self.freedom)
+        gain = replace(gain, influence=self.gain * self.influence.real)
         phase = estimate(self.phase, self.phase_std, "rad", self.freedom)
+        phase = replace(phase, influence=self.influence.imag)
         if self.gain_std > GOOD_STD * self.gain or self.coherence < GOOD:
             why = f"the coherence is {self.coherence:.2f}, wanted {GOOD:g}"
             return _weak(gain, why), _weak(phase, why)
-        return gain, Estimate(phase.value, phase.std, phase.low, phase.high, "rad")
+        return gain, replace(phase, status="identified", reason=None)
 
 
-def _weak(one: Estimate, why: str) -> Estimate:
-    return Estimate(one.value, one.std, one.low, one.high, one.unit, "weak", why)
+def _weak(one: Figure, why: str) -> Figure:
+    return replace(one, status="weak", reason=why)
 
 
 def stretches(given: Sequence[Drive]) -> dict[float, list[tuple[Drive, slice]]]:
@@ -141,7 +144,8 @@ def _solved(columns: ComplexArray, values: ComplexArray, freedom: int, frequency
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     inverse = np.linalg.pinv(columns / scale)
     solution = inverse @ values
-    rest = float(np.sum(np.abs(values - columns / scale @ solution) ** 2))
+    left = values - columns / scale @ solution
+    rest = float(np.sum(np.abs(left) ** 2))
     whole = float(np.sum(np.abs(values) ** 2))
     answer = complex(solution[0] / scale[0])
     noise = rest / freedom * float(np.sum(np.abs(inverse[0]) ** 2)) / scale[0] ** 2
@@ -156,19 +160,21 @@ def _solved(columns: ComplexArray, values: ComplexArray, freedom: int, frequency
             f"drive sines or lane changes of {frequency:g} Hz"
         )
     relative = std / max(gain, 1e-300)
-    return Response(gain, std, float(np.angle(answer)), relative, coherence, 2 * freedom, reason)
+    influence = inverse[0] * left / scale[0] / (answer or 1.0) * np.sqrt(values.size / freedom)
+    return Response(gain, std, float(np.angle(answer)), relative, coherence, 2 * freedom, reason, influence)
 
 
 def _nothing(reason: str) -> Response:
     return Response(0.0, np.inf, 0.0, np.inf, 0.0, 1, reason)
 
 
-def equivalent_delay(one: Response) -> Estimate:
+def equivalent_delay(one: Response) -> Figure:
     """Delay [s] that has the phase of the yaw rate at ``DELAY_AT``."""
     if one.reason is not None:
         return unknown("s", one.reason)
     turn = 2 * np.pi * DELAY_AT
     made = estimate(-one.phase / turn, one.phase_std / turn, "s", one.freedom)
+    made = replace(made, influence=-one.influence.imag / turn)
     if one.coherence < GOOD:
         return _weak(made, f"the coherence is {one.coherence:.2f}, wanted {GOOD:g}")
     return made
@@ -203,7 +209,7 @@ def _range_about(values: Array, points: int) -> Array:
     return np.asarray(maximum_filter1d(values, points) - minimum_filter1d(values, points))
 
 
-def response_time(given: Sequence[Drive], steps: Sequence[Sequence[int]]) -> Estimate:
+def response_time(given: Sequence[Drive], steps: Sequence[Sequence[int]]) -> Figure:
     """Mean response time of the yaw rate to steps [s]; its error from their spread, or from the noise.
 
     Parameters

@@ -76,8 +76,8 @@ def _point(motions: Sequence[SmoothMotion], *, may_be_late: bool) -> Estimate:
     turning = float(np.std(columns[:, 0]))
     if turning < LEAST_YAW_RATE:
         return unknown("m", f"the yaw rate varies by {turning:.3f} rad/s, need {LEAST_YAW_RATE:g} rad/s")
-    value, std, freedom = coefficient(np.concatenate(values), columns, np.concatenate(blocks), 0)
-    return estimate(value, std, "m", freedom)
+    value, influence, freedom = coefficient(np.concatenate(values), columns, np.concatenate(blocks), 0)
+    return estimate(value, float(np.linalg.norm(influence)), "m", freedom)
 
 
 def _columns(motion: SmoothMotion, *, may_be_late: bool) -> Array:

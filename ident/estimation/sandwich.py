@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 def coefficient(
     values: Array, columns: Array, block: NDArray[np.intp], wanted: int
-) -> tuple[float, float, int]:
+) -> tuple[float, Array, int]:
     """One coefficient of a least-squares fit.
 
     Parameters
@@ -24,15 +24,15 @@ def coefficient(
 
     Returns
     -------
-    coefficient, its standard error, and the degrees of freedom: blocks less columns, at least 1
+    coefficient
+    influence : (highest block + 1,) what each block adds to its error; the norm is the standard error
+    degrees of freedom : blocks less columns, at least 1
     """
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     inverse = np.linalg.pinv(columns / scale)
     solution = inverse @ values
     rest = values - columns / scale @ solution
-    _, own = np.unique(block, return_inverse=True)
-    count = int(own.max()) + 1
-    influence = np.bincount(own, inverse[wanted] * rest, count)
+    count = np.unique(block).size
     freedom = max(1, count - columns.shape[1])
-    std = float(np.sqrt(influence @ influence * count / freedom))
-    return float(solution[wanted] / scale[wanted]), std / float(scale[wanted]), freedom
+    influence = np.bincount(block, inverse[wanted] * rest) * np.sqrt(count / freedom) / scale[wanted]
+    return float(solution[wanted] / scale[wanted]), np.asarray(influence), freedom

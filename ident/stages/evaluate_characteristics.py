@@ -19,10 +19,12 @@ from numpy.typing import NDArray
 from ident.estimation.evaluation import Prediction, Segments
 from ident.estimation.handling import (
     Drive,
+    Figure,
     SteadyStates,
     drives,
     end_of_linear_range,
     speed_classes,
+    std_of_difference,
     steady,
     steady_states,
     understeer_gradient,
@@ -83,7 +85,8 @@ def characteristics(
     Notes
     -----
     A figure that the measured motion does not tell is not identifiable, with the reason. Whether a model is
-    within the tolerance is left open where the difference is not certain enough to say.
+    within the tolerance is left open where the difference is not certain enough to say; what driving that is
+    not steady, or noise of the steering, adds to both figures alike is not in their difference.
     """
     measured = drives(segments.records, body)
     if not measured:
@@ -139,10 +142,10 @@ def _is_known(parts: Sequence[tuple[Drive, slice]], frequency: float) -> bool:
     return response(parts, "yaw_rate", frequency).reason is None
 
 
-def _figures(motion: Sequence[Drive], plan: _Plan) -> dict[str, tuple[Style, Estimate]]:
+def _figures(motion: Sequence[Drive], plan: _Plan) -> dict[str, tuple[Style, Figure]]:
     """Name -> style and estimate."""
     states = steady_states(motion, plan.steady)
-    made: dict[str, tuple[Style, Estimate]] = {}
+    made: dict[str, tuple[Style, Figure]] = {}
     for name, one in _of_steady_cornering(states, plan).items():
         made[name] = ("ISO 14792", one)
     for name, one in _of_transients(motion, plan).items():
@@ -150,7 +153,7 @@ def _figures(motion: Sequence[Drive], plan: _Plan) -> dict[str, tuple[Style, Est
     return made
 
 
-def _of_steady_cornering(states: SteadyStates, plan: _Plan) -> dict[str, Estimate]:
+def _of_steady_cornering(states: SteadyStates, plan: _Plan) -> dict[str, Figure]:
     gains = {
         f"steady yaw-rate gain at {speed:g} m/s": yaw_rate_gain(states, plan.wheelbase, speed)
         for speed in plan.speeds
@@ -162,8 +165,8 @@ def _of_steady_cornering(states: SteadyStates, plan: _Plan) -> dict[str, Estimat
     }
 
 
-def _of_transients(motion: Sequence[Drive], plan: _Plan) -> dict[str, Estimate]:
-    made: dict[str, Estimate] = {}
+def _of_transients(motion: Sequence[Drive], plan: _Plan) -> dict[str, Figure]:
+    made: dict[str, Figure] = {}
     found = stretches(motion)
     signals = ("yaw_rate", "lateral_acceleration") if plan.is_felt else ("yaw_rate",)
     for number, speed in plan.classes.items():
@@ -184,14 +187,19 @@ def _of_transients(motion: Sequence[Drive], plan: _Plan) -> dict[str, Estimate]:
 def _characteristic(
     name: str,
     style: Style,
-    measured: Estimate,
-    simulated: dict[str, Estimate],
+    measured: Figure,
+    simulated: dict[str, Figure],
     tolerance: Mapping[str, float] | float,
 ) -> Characteristic:
     allowed = tolerance if isinstance(tolerance, float | int) else _for_name(name, tolerance)
     told = {model: _agrees(measured, one, allowed) for model, one in simulated.items()}
     within = {model: verdict for model, verdict in told.items() if verdict is not None}
-    return Characteristic(name, style, measured, simulated, float(allowed), within)
+    plain = {model: _plain(one) for model, one in simulated.items()}
+    return Characteristic(name, style, _plain(measured), plain, float(allowed), within)
+
+
+def _plain(one: Figure) -> Estimate:
+    return Estimate(one.value, one.std, one.low, one.high, one.unit, one.status, one.reason)
 
 
 def _for_name(name: str, tolerance: Mapping[str, float]) -> float:
@@ -200,13 +208,13 @@ def _for_name(name: str, tolerance: Mapping[str, float]) -> float:
     return tolerance[max(fitting, key=len)] if fitting else TOLERANCE
 
 
-def _agrees(measured: Estimate, simulated: Estimate, tolerance: float) -> bool | None:
+def _agrees(measured: Figure, simulated: Figure, tolerance: float) -> bool | None:
     """Whether two figures are within a tolerance of each other; None where their errors leave it open."""
-    if measured.value is None or measured.std is None or simulated.value is None or simulated.std is None:
+    if measured.value is None or simulated.value is None:
         return None
     allowed = tolerance * (1.0 if measured.unit == "rad" else abs(measured.value))
     difference = abs(simulated.value - measured.value)
-    doubt = Z * max(measured.std, simulated.std)  # both are of the same driving: their errors are alike
+    doubt = Z * std_of_difference(measured, simulated)
     if difference <= allowed:
         return None if doubt > allowed else True
     return False if difference - doubt > allowed else None

@@ -13,6 +13,7 @@ from ident.estimation.handling import (
     drives,
     end_of_linear_range,
     speed_classes,
+    std_of_difference,
     steady,
     steady_states,
     understeer_gradient,
@@ -81,6 +82,14 @@ def test_the_standard_error_of_the_gradient_is_its_spread(slow: MotionRecord) ->
     exact = understeer_gradient(states_of(slow), BODY.wheelbase).value
     scores = np.array([(one.value - exact) / one.std for one in found])
     assert 0.6 < np.sqrt(np.mean(scores**2)) < 1.5
+
+
+def test_figures_of_the_same_driving_have_their_errors_in_common(slow: MotionRecord) -> None:
+    noisy = understeer_gradient(states_of(with_noise(slow, 1)), BODY.wheelbase)
+    again = understeer_gradient(states_of(with_noise(slow, 1)), BODY.wheelbase)
+    other = understeer_gradient(states_of(with_noise(slow, 2)), BODY.wheelbase)
+    assert std_of_difference(noisy, again) == 0.0
+    assert std_of_difference(noisy, other) == pytest.approx(np.hypot(noisy.std, other.std), rel=0.3)
 
 
 def test_the_heading_alone_tells_the_gradient(slow: MotionRecord) -> None:

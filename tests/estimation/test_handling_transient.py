@@ -9,7 +9,7 @@ import pytest
 from plane_truck import BODY, INERTIA, NOISE, STEP, PlaneTruck, linear
 from scipy.signal import StateSpace, lsim
 
-from ident.estimation.handling import drives
+from ident.estimation.handling import drives, std_of_difference
 from ident.estimation.handling_transient import (
     equivalent_delay,
     find_steps,
@@ -94,6 +94,16 @@ def test_the_standard_errors_are_the_spread(lively: MotionRecord) -> None:
         [(one.phase - exact.phase) / one.phase_std for one in found],
     ):
         assert 0.6 < np.sqrt(np.mean(np.square(score))) < 1.5
+
+
+def test_the_error_of_a_difference_on_the_same_driving_is_its_spread(lively: MotionRecord) -> None:
+    exact = response(stretches(drives([lively], BODY))[10.0], "yaw_rate", 1.0).estimates("1/s")
+    scores = []
+    for seed in range(24):
+        parts = stretches(drives([with_noise(lively, seed)], BODY))[10.0]
+        for one, true in zip(response(parts, "yaw_rate", 1.0).estimates("1/s"), exact, strict=True):
+            scores.append((one.value - true.value) / std_of_difference(one, true))
+    assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.4
 
 
 def test_the_equivalent_delay_is_phase_over_frequency(lively: MotionRecord) -> None:
