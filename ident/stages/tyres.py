@@ -228,17 +228,12 @@ def _result(
 
 
 def _verdict(own: TyreFit, found: KindFit) -> str:
-    parts = [f"{axle} {_kilo(getattr(own, axle)['cornering_stiffness'])} kN/rad" for axle in AXLES]
-    handling = _handling(own.understeer_gradient)
-    rms = "; ".join(
-        f"{name.replace('_', ' ')} to {_size(own.rms[name], UNITS[name])}" for name in _first(own)
-    )
-    rest = " (more than its noise: the model lacks something)" if found.fit.is_coloured else ""
-    return f"{NAMES[own.kind]} axles: cornering stiffness {', '.join(parts)}; {handling}; {rms}{rest}"
-
-
-def _first(own: TyreFit) -> list[str]:
-    return [name for name in ("yaw_rate", "lateral_acceleration") if name in own.rms] or list(own.rms)[:1]
+    parts = [f"{axle} {_kilo(getattr(own, axle)['cornering_stiffness'])}" for axle in AXLES]
+    name = "yaw_rate" if "yaw_rate" in own.rms else next(iter(own.rms), None)
+    rms = "" if name is None else f"; {name.replace('_', ' ')} to {_size(own.rms[name], UNITS[name])} (rms)"
+    rest = ", more than its noise: the model lacks something" if found.fit.is_coloured else ""
+    stiffness = f"{NAMES[own.kind]} axles, stiffness {', '.join(parts)} kN/rad"
+    return f"{stiffness}; {_handling(own.understeer_gradient)}{rms}{rest}"
 
 
 def _kilo(one: Estimate) -> str:

@@ -254,7 +254,6 @@ def by_window(result: EvaluateResult) -> Table:
         notes=notes,
         download="evaluate_windows.csv",
         scroll=len(rows) > 15,
-        records=error_records(result),
     )
 
 

@@ -29,7 +29,7 @@ from ident.report.summary import describe_evaluate
 from ident.report.tyre_signals import runs_of
 from ident.results import EvaluateResult
 
-MOST_SIGNALS = 4
+MOST_SIGNALS = 3
 STAGE = "evaluate"
 
 
