@@ -39,10 +39,12 @@ class Uncertainty:
     """Covariance of the coordinates with that of the fixed values in it.
 
     covariance : (s, s); by_fixed : (s, f) change per relative change of each of FIXED
+    relative : (f,) relative standard deviation of each of FIXED, zero where none is stated
     """
 
     covariance: Array
     by_fixed: Array
+    relative: Array
 
     def covariance_of_values(self, found: KindFit) -> list[list[float]]:
         """Covariance of the parameters themselves, not of their logarithms."""
@@ -60,8 +62,9 @@ def uncertainty(found: KindFit, steering_ratio_std: float = 0.0) -> Uncertainty:
     """
     by_fixed = to_fixed(found.problem, found.fit, FIXED)
     relative = [found.body.std.get(name, 0.0) / getattr(found.body, name) for name in FIXED[:-1]]
-    spread = by_fixed * np.array([*relative, steering_ratio_std])
-    return Uncertainty(found.fit.covariance + spread @ spread.T, by_fixed)
+    stated = np.array([*relative, steering_ratio_std])
+    spread = by_fixed * stated
+    return Uncertainty(found.fit.covariance + spread @ spread.T, by_fixed, stated)
 
 
 def tyre_fit(found: KindFit, known: Uncertainty, criterion: float) -> TyreFit:
@@ -75,7 +78,7 @@ def tyre_fit(found: KindFit, known: Uncertainty, criterion: float) -> TyreFit:
         one.name: _estimate(one, at, s, excited)
         for one, at, s in zip(found.problem.coordinates, found.fit.shared, std, strict=True)
     }
-    gradient, speed = _understeer(found, known.covariance)
+    gradient, speed = _understeer(found, known)
     return TyreFit(
         kind=found.kind,  # type: ignore[arg-type]
         front=_of_axle("front", found, by_name, known.covariance),
@@ -183,20 +186,25 @@ def _stiffness_factor(axle: str, found: KindFit, own: Mapping[str, Estimate], co
     return Estimate(value, value * std, float(ends[0]), float(ends[1]), "1/rad", status)
 
 
-def _understeer(found: KindFit, covariance: Array) -> tuple[Estimate, Estimate]:
-    """K_us = m/L (l_r/C_f - l_f/C_r) [rad s²/m] and v_ch = sqrt(L/K_us) [m/s]."""
+def _understeer(found: KindFit, known: Uncertainty) -> tuple[Estimate, Estimate]:
+    """K_us = m/L (l_r/C_f - l_f/C_r) [rad s²/m] and v_ch = sqrt(L/K_us) [m/s].
+
+    The fixed values stand in it themselves, too: an error of the mass leaves it as it is, for the stiffness
+    found goes with the mass.
+    """
     body = found.body
     terms = {
         "front": body.mass / body.wheelbase * body.cg_to_rear_axle,
         "rear": -body.mass / body.wheelbase * body.cg_to_front_axle,
     }
-    value, row = 0.0, np.zeros(covariance.shape[0])
+    value, row = 0.0, np.zeros(found.fit.shared.size)
     for axle, term in terms.items():
         name = f"{axle}.cornering_stiffness"
         part = term / found.parameters[name]
         value += part
         row[found.names.index(name)] = -part
-    std = float(np.sqrt(row @ covariance @ row))
+    by_fixed = (row @ known.by_fixed + _understeer_by_fixed(found, value)) * known.relative
+    std = float(np.sqrt(row @ found.fit.covariance @ row + by_fixed @ by_fixed))
     gradient = _plain(value, std, "rad s^2/m", "drive circles or curves at several speeds")
     if value - Z * std <= 0:
         kind = "it may be neutral" if value + Z * std > 0 else "the vehicle oversteers"
@@ -206,6 +214,16 @@ def _understeer(found: KindFit, covariance: Array) -> tuple[Estimate, Estimate]:
     size = speed[0] * std / (2 * value)
     status: Status = "identified" if std / (2 * value) < IDENTIFIED else "weak"
     return gradient, Estimate(speed[0], size, speed[1], speed[2], "m/s", status)
+
+
+def _understeer_by_fixed(found: KindFit, gradient: float) -> Array:
+    """(f,) change of the understeer gradient per relative change of each of FIXED, the stiffness held."""
+    body = found.body
+    share = body.mass / body.wheelbase
+    front, rear = (found.parameters[f"{axle}.cornering_stiffness"] for axle in AXLES)
+    by_front = -body.cg_to_front_axle * (gradient / body.wheelbase + share / rear)
+    by_rear = -body.cg_to_rear_axle * (gradient / body.wheelbase - share / front)
+    return np.array([gradient, by_front, by_rear, 0.0])
 
 
 def _plain(value: float, std: float, unit: str, advice: str) -> Estimate:
