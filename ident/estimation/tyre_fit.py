@@ -41,7 +41,7 @@ AXLES = ("front", "rear")
 SENSOR_BIAS = {"yaw_rate": 0.02, "lateral_acceleration": 0.5, "lateral_velocity": 0.2, "heading": 0.1}
 STEERING_OFFSET = 0.03  # [rad] standard deviation of the prior
 BANK = {"bank_cos": 0.05, "bank_sin": 0.05}
-CALLED_FOR = 1e-4  # p-value below which a bank, or a turned sensor, joins the model
+BANK_CALLED_FOR, TURN_CALLED_FOR = 1e-4, 1e-3  # p-values below which a bank, a turned sensor join the model
 MISALIGNED = RunTerm("lateral_velocity_by_speed", 0.02, by_speed_to="lateral_velocity")
 TURNED = np.pi / 2  # [rad] of heading in a run, below which a bank and a bias of the accelerometer are alike
 AT_REFERENCE = ("lateral_velocity", "position_x")
@@ -187,14 +187,11 @@ def _extended(
     p_bank = _p_of(plain, _bank_terms(records), dict.fromkeys(BANK, 0.0)) if _turned(records) else 1.0
     there = "lateral_velocity" in plain.problem.compared
     p_misaligned = _p_of(plain, [MISALIGNED], {}) if there else 1.0
-    if min(p_bank, p_misaligned) > CALLED_FOR:
+    bank, misaligned = p_bank < BANK_CALLED_FOR, p_misaligned < TURN_CALLED_FOR
+    if not (bank or misaligned):
         return replace(plain, bank_p=p_bank)
     here = dict(plain.parameters)
-    found = fit(
-        [here, *starts] if p_misaligned < CALLED_FOR else [here],
-        bank=p_bank < CALLED_FOR,
-        misaligned=p_misaligned < CALLED_FOR,
-    )
+    found = fit([here, *starts] if misaligned else [here], bank=bank, misaligned=misaligned)
     return replace(found, bank_p=p_bank)
 
 
