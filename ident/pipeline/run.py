@@ -134,7 +134,7 @@ def _nothing_identified(steps: Sequence[Step]) -> NotIdentifiable | None:
     asked = [step for step in steps if STAGES[step.stage].identifies]
     if any(step.state != "refused" for step in asked):
         return None
-    told = "; ".join(f"{step.stage}: {step.text}" for step in asked)
+    told = "; ".join(f"{step.stage}: {step.text}" for step in asked if not STAGES[step.stage].needs)
     return NotIdentifiable(f"no stage can answer from these logs: {told}")
 
 

@@ -7,10 +7,11 @@ from glob import escape
 from pathlib import Path
 
 from ident.errors import NotIdentifiable
+from ident.experiments.motion import MotionRun
 from ident.experiments.splits import FEWEST, draw_split, last_third, manoeuvre_of
 from ident.stages.inputs import InputSettings, SplitSettings, load
 from ident.stages.output import Context
-from ident.stages.tyre_data import TyreData, tyre_data
+from ident.stages.tyre_data import LEAST_ACCELERATION, hardest_turn, tyre_data
 from ident.stages.tyre_settings import TyresSettings
 
 
@@ -31,16 +32,15 @@ def drawn_split(
         data = tyre_data(load(logs, inputs, context), inputs.align, settings.runs, settings.least_speed)
     except NotIdentifiable:
         return inputs.split  # nothing turns: the stages that need it say why
-    names = [run.name for run in data.runs]
+    turning = [run for run in data.runs if hardest_turn(run) >= LEAST_ACCELERATION]
+    names = [run.name for run in turning]
     if len(names) < FEWEST:
-        return inputs.split.model_copy(update={"blocks": _blocks(data)})
+        return inputs.split.model_copy(update={"blocks": _blocks(turning)})
     groups = [manoeuvre_of(name) for name in names]
     drawn = draw_split(names, groups, inputs.seed, inputs.split.share)
     return inputs.split.model_copy(update={"held_out": [escape(name) for name in drawn]})
 
 
-def _blocks(data: TyreData) -> dict[str, tuple[float, float]]:
-    spans = {
-        run.name: (float(run.windows[0].times[0]), float(run.windows[-1].times[-1])) for run in data.runs
-    }
+def _blocks(runs: Sequence[MotionRun]) -> dict[str, tuple[float, float]]:
+    spans = {run.name: (float(run.windows[0].times[0]), float(run.windows[-1].times[-1])) for run in runs}
     return {name: last_third(*span) for name, span in spans.items()}

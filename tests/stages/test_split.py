@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from ident.errors import BadRecipe, NotIdentifiable
 from ident.experiments.motion import Measurement, MotionRun, MotionWindow
 from ident.experiments.splits import GUARD
 from ident.results import TyresResult
-from ident.signals.run import LoadedLogs
+from ident.signals.run import LoadedLogs, Run, Signal
 from ident.stages.inputs import AlignSettings, InputSettings, SplitSettings, load, named
 from ident.stages.output import Context
 from ident.stages.split import drawn_split
@@ -186,6 +187,24 @@ def test_few_runs_are_split_in_time(tmp_path: Path) -> None:
     assert split.by == "block"
     begin, end = split.block_of("[odd] name") or (0.0, 0.0)
     assert end - begin == pytest.approx(20.0, abs=0.2)
+
+
+def test_a_run_that_drives_straight_is_never_what_a_model_is_judged_by(
+    loaded: LoadedLogs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    straight = "planar_b"
+    turns = [replace(run, signals=_without_turn(run)) if run.name == straight else run for run in loaded.runs]
+    monkeypatch.setattr("ident.stages.split.load", lambda *_: replace(loaded, runs=turns))
+    split = drawn_split([PLANAR], InputSettings(), TyresSettings(), context())
+    assert sorted(split.blocks or {}) == ["planar_a", "planar_c"]
+
+
+def _without_turn(run: Run) -> dict[str, Signal]:
+    speed = run.signals["speed"]
+    rate = run.signals["yaw_rate"]
+    angle = {n: one for n, one in run.signals.items() if n.endswith("_angle")}
+    still = {name: replace(one, values=0 * one.values) for name, one in angle.items()}
+    return {"speed": speed, "yaw_rate": replace(rate, values=1e-3 * np.sin(rate.time)), **still}
 
 
 def test_nothing_is_drawn_where_nothing_turns() -> None:
