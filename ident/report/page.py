@@ -19,7 +19,7 @@ Align = Literal["text", "number"]
 class Cell:
     """One cell of a table or one fact.
 
-    raw : what a download holds instead of ``text``, where that is rounded
+    raw : what a download holds instead of ``text``, not rounded, in the unit that the table names
     detail : a second, smaller line
     badge : draw ``text`` as a badge in the colour of ``tone``
     """

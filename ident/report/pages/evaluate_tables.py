@@ -105,11 +105,17 @@ def _judged(signal: str, error: Error | None, limit: Error | None, whole: Error 
     detail = None if whole is None else shown_error(signal, whole)
     return Cell(
         MARKS[verdict] + shown_error(signal, error),
-        raw=error.value,
+        raw=error.value * signal_unit(signal)[0],
         tone=TONES[verdict],
         badge=verdict != "unknown",
         detail=detail,
     )
+
+
+def _error(signal: str, value: float | None) -> Cell:
+    """Give an error in the unit that heads its column."""
+    raw = None if value is None else value * signal_unit(signal)[0]
+    return Cell(shown_error(signal, value), raw=raw)
 
 
 def error_records(result: EvaluateResult) -> list[Record]:
@@ -319,10 +325,10 @@ def by_run(result: EvaluateResult) -> Table:
             Cell(duration(run.seconds), raw=run.seconds),
             Cell(model_name(model.name)),
             Cell(INPUTS[model.input]),
-            *[Cell(shown_error(s, run.rms.get(s)), raw=run.rms.get(s)) for s in signals],
+            *[_error(s, run.rms.get(s)) for s in signals],
         ]
         for both in found.values()
         for model, run in both
     ]
-    notes = ["RMS error over the whole run, from the logged initial state; downloads in SI units"]
+    notes = ["RMS error over the whole run, from the logged initial state"]
     return Table(columns, rows, notes=notes, download="evaluate_runs.csv", scroll=len(rows) > 15)

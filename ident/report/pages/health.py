@@ -161,7 +161,7 @@ def _counted(number: int) -> Cell:
 
 
 def _milliseconds(seconds: float | None) -> Cell:
-    return Cell(NONE if seconds is None else significant(seconds * 1e3), raw=seconds)
+    return Cell(NONE) if seconds is None else Cell(significant(seconds * 1e3), raw=seconds * 1e3)
 
 
 def signals_table(run: RunHealth) -> Table:

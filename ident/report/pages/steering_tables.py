@@ -147,7 +147,7 @@ def _run_row(fit: RunFit, fields: Sequence[str]) -> list[Cell]:
         Cell(", ".join(fit.excitation)),
         Cell(str(fit.samples)),
         Cell(percent(fit.vaf), raw=fit.vaf, detail=own),
-        Cell(significant(fit.rms_error * 1e3), raw=fit.rms_error),
+        Cell(significant(fit.rms_error * 1e3), raw=fit.rms_error * 1e3),
     ]
     if fit.model is None:
         return row + [Cell(NONE)] * len(fields)
@@ -190,7 +190,7 @@ def _method_row(fit: StepFit, fields: Sequence[str]) -> list[Cell]:
         value, spread = getattr(fit, field), fit.spread.get(field)
         row.append(_median_cell(value, spread))
     error = fit.rms_error
-    row.append(Cell(NONE if error is None else significant(error * 1e3), raw=error))
+    row.append(Cell(NONE) if error is None else Cell(significant(error * 1e3), raw=error * 1e3))
     return row
 
 

@@ -96,7 +96,7 @@ def open_questions(result: TyresResult) -> list[Block]:
 def _estimate_cells(estimate: Estimate) -> list[Cell]:
     shown = displayed(estimate)
     return [
-        Cell(estimate_value(shown), raw=estimate.value),
+        Cell(estimate_value(shown), raw=shown.value),
         Cell(estimate_interval(shown)),
         Cell(unit_text(shown.unit)),
         Cell(STATUS[estimate.status], tone=TONES[estimate.status], badge=True),
@@ -182,19 +182,21 @@ def _fit_row(fit: TyreFit, signals: Sequence[str], best: float, *, chosen: bool)
     detail = "chosen" if chosen else None if fit.converged else "not converged"
     tone: Tone = "good" if chosen else "plain" if fit.converged else "bad"
     more = fit.criterion - best
-    errors = []
-    for name in signals:
-        value = fit.rms.get(name)
-        shown = NONE if value is None else significant(value * signal_unit(name)[0])
-        errors.append(Cell(shown, raw=value))
+    errors = [_error(name, fit.rms.get(name)) for name in signals]
     gradient = displayed(fit.understeer_gradient)
     return [
         Cell(KINDS[fit.kind], tone=tone, detail=detail),
         *errors,
         Cell("least" if more == 0 else f"+{significant(more)}", raw=fit.criterion),
-        Cell(estimate_value(gradient), raw=fit.understeer_gradient.value, detail=estimate_interval(gradient)),
+        Cell(estimate_value(gradient), raw=gradient.value, detail=estimate_interval(gradient)),
         Cell(str(len(fit.parameters))),
     ]
+
+
+def _error(signal: str, value: float | None) -> Cell:
+    """Give the error of a signal in the unit that heads its column."""
+    factor = signal_unit(signal)[0]
+    return Cell(NONE) if value is None else Cell(significant(value * factor), raw=value * factor)
 
 
 def kind_parameters(fit: TyreFit) -> Table:
@@ -235,11 +237,7 @@ def by_run(result: TyresResult) -> Table:
 
 
 def _run_row(run: TyreRun, signals: Sequence[str]) -> list[Cell]:
-    errors = []
-    for name in signals:
-        value = run.rms.get(name)
-        shown = NONE if value is None else significant(value * signal_unit(name)[0])
-        errors.append(Cell(shown, raw=value))
+    errors = [_error(name, run.rms.get(name)) for name in signals]
     if not run.used:
         agrees = Cell("left out", tone="caution")
     elif run.agreement_p is None:
@@ -386,11 +384,11 @@ def noise(found: dict[str, ResidualNoise]) -> Table:
         rows.append(
             [
                 Cell(name.replace("_", " ")),
-                Cell(significant(one.total_std * factor), raw=one.total_std),
-                Cell(significant(one.std * factor), raw=one.std),
+                Cell(significant(one.total_std * factor), raw=one.total_std * factor),
+                Cell(significant(one.std * factor), raw=one.std * factor),
                 Cell(unit_text(unit)),
                 Cell(", ".join(significant(a, 2) for a in one.ar) or "white"),
-                Cell(significant(one.sample_period * 1e3), raw=one.sample_period),
+                Cell(significant(one.sample_period * 1e3), raw=one.sample_period * 1e3),
                 left,
             ]
         )
@@ -425,7 +423,7 @@ def measured_forces(compared: Sequence[ForceComparison]) -> Table:
 
 def _with_interval(estimate: Estimate) -> Cell:
     shown = displayed(estimate)
-    return Cell(estimate_value(shown), raw=estimate.value, detail=estimate_interval(shown))
+    return Cell(estimate_value(shown), raw=shown.value, detail=estimate_interval(shown))
 
 
 def glossary(fit: TyreFit) -> Table:

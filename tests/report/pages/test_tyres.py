@@ -97,10 +97,10 @@ def test_the_first_screen_holds_parameters_key_figures_and_force_curves(page):
     assert page.lead[1].title == "Lateral force against slip angle"
 
 
-def test_a_parameter_stands_in_its_unit_and_is_downloaded_in_si(page, tyres_case):
+def test_a_parameter_stands_in_its_unit_and_is_downloaded_in_it_unrounded(page, tyres_case):
     stiffness = page.lead[0].blocks[0][0].rows[0]
     assert [cell.text for cell in stiffness[2:]] == ["334.0", "328.8 … 339.2", "kN/rad", "identified"]
-    assert stiffness[2].raw == tyres_case[0].fits[-1].front["cornering_stiffness"].value
+    assert stiffness[2].raw == 1e-3 * tyres_case[0].fits[-1].front["cornering_stiffness"].value
 
 
 def test_what_is_not_identifiable_stands_with_what_to_drive(page):
@@ -255,7 +255,7 @@ def test_the_kinds_stand_side_by_side_with_the_chosen_one_marked(page, tyres_cas
     assert [row[0].text for row in rows] == ["linear", "piecewise linear", "Magic Formula"]
     assert [row[0].detail for row in rows] == [None, None, "chosen"]
     assert [row[7].text for row in rows] == ["+3500", "+800", "least"]
-    assert rows[0][1].raw == tyres_case[0].fits[0].rms["yaw_rate"]
+    assert rows[0][1].raw == 1e3 * tyres_case[0].fits[0].rms["yaw_rate"]
 
 
 def test_offsets_and_runs_left_out_stand_with_their_reasons(page):
