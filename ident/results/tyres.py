@@ -106,6 +106,7 @@ class TyreRun:
     agreement_p : p-value of the hypothesis that this run has the parameters of all runs together
     reason : why it is not used, where it is not
     reference_x : x of the point that logged positions belong to, from the CG [m], None where it is not known
+    spans : from and to, since the start of the run, of what was fitted [s]
     """
 
     run: str
@@ -118,6 +119,7 @@ class TyreRun:
     used: bool = True
     reason: str | None = None
     reference_x: float | None = None
+    spans: list[list[float]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

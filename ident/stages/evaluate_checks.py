@@ -69,7 +69,7 @@ def checks(
         *_points(motion, vehicle),
         _parameters(tyres, vehicle),
         *_moved_points(tyres, motion),
-        _taken_part(tyres, held_out),
+        _taken_part(tyres, held_out, motion),
     ]
 
 
@@ -265,28 +265,36 @@ def _moved_points(tyres: TyresResult, motion: Sequence[MotionRun]) -> list[Check
     return made
 
 
-def _taken_part(tyres: TyresResult, held_out: Sequence[str]) -> Check:
+def _taken_part(tyres: TyresResult, held_out: Sequence[str], motion: Sequence[MotionRun]) -> Check:
     """Name the held-out runs that the fit has seen, whole or in part."""
-    used = [run.run for run in tyres.by_run if run.used]
-    seen = [name for name in held_out if any(_overlap(name, one) for one in used)]
+    used = [one for run in tyres.by_run if run.used for one in _spans(run.run, run.spans)]
+    windows = {run.name: [[w.times[0], w.times[-1]] for w in run.windows] for run in motion}
+    seen = [
+        name
+        for name in held_out
+        if any(_overlap(one, other) for one in _spans(name, windows.get(name, [])) for other in used)
+    ]
     if seen:
         text = (
             f"{', '.join(seen)}: used in the fit, so that its error says nothing of other runs: hold it out "
             "with split.held_out, or run `ident tyres` again"
         )
         return Check(HELD_OUT, "refused", text)
-    return Check(HELD_OUT, "fine", f"{len(held_out)} held out, {len(used)} in the fit, none in both")
+    runs = len({run for run, _, _ in used})
+    return Check(HELD_OUT, "fine", f"{len(held_out)} held out, {runs} in the fit, nothing in both")
 
 
-def _overlap(one: str, other: str) -> bool:
-    """Whether two runs or parts of runs have time in common."""
-    first, second = _part(one), _part(other)
-    return first[0] == second[0] and max(first[1], second[1]) < min(first[2], second[2])
+Span = tuple[str, float, float]
 
 
-def _part(name: str) -> tuple[str, float, float]:
-    """Run and time [s]; a name without times is a whole run."""
+def _spans(name: str, within: Sequence[Sequence[float]]) -> list[Span]:
+    """Run and times [s] of a run or a part of one; all of it where nothing is said."""
     found = PART.fullmatch(name)
-    if found is None:
-        return name, -np.inf, np.inf
-    return found["run"], float(found["begin"]), float(found["end"])
+    if found is not None:
+        return [(found["run"], float(found["begin"]), float(found["end"]))]
+    return [(name, begin, end) for begin, end in within] or [(name, -np.inf, np.inf)]
+
+
+def _overlap(one: Span, other: Span) -> bool:
+    """Whether two parts of runs have time in common."""
+    return one[0] == other[0] and max(one[1], other[1]) < min(one[2], other[2])

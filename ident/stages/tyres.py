@@ -328,6 +328,7 @@ def _by_run(data: TyreData, found: KindFit, agreement: Sequence[RunAgreement]) -
                 lateral_acceleration=_range(acceleration[own]),
                 rms=_rms_of_run(found, number),
                 reference_x=found.parameters.get("reference_x", run.reference_x),
+                spans=[[float(r.times[0]), float(r.times[-1])] for r in data.records if r.run == number],
                 agreement_p=agreement[number].p if len(agreement) > 1 else None,
             )
         )

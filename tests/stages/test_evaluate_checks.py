@@ -173,3 +173,23 @@ def test_a_run_that_the_fit_left_out_may_be_held_out(runs: list[Run], tyres: Tyr
     unused = [replace(run, used=False) for run in tyres.by_run]
     (one,) = made(runs[:1], replace(tyres, by_run=unused), held_out=["manual_a"])[HELD_OUT]
     assert one.verdict == "fine"
+
+
+@pytest.mark.parametrize(("fitted", "verdict"), [([0.0, 35.0], "fine"), ([0.0, 45.0], "refused")])
+def test_a_run_may_be_split_between_the_fit_and_the_evaluation(
+    runs: list[Run], tyres: TyresResult, fitted: list[float], verdict: str
+) -> None:
+    name = runs[0].name
+    (motion,) = motion_of(runs[:1])
+    (window,) = motion.windows
+    late = window.times >= 40.0
+    kept = replace(
+        window,
+        times=window.times[late],
+        road_wheel_angle=window.road_wheel_angle[late],
+        speed=window.speed[late],
+        measurements={},
+    )
+    fit = replace(tyres, by_run=[TyreRun(name, 4, 35.0, [8, 15], [-4, 4], {}, spans=[fitted])])
+    found = checks(runs[:1], [replace(motion, windows=[kept])], fit, runs[0].vehicle, [name])
+    assert [one.verdict for one in found if one.what == HELD_OUT] == [verdict]
