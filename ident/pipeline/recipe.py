@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import Field
 
 from ident.errors import UsageError
+from ident.model_file import read_model
 from ident.pipeline.options import RunOptions
 from ident.stages.evaluate_settings import EvaluateSettings
 from ident.stages.inputs import InputSettings
@@ -38,17 +39,19 @@ def recipe_for(options: RunOptions) -> Recipe:
     Raises
     ------
     BadRecipe
-        If a key, a value or a unit is wrong.
+        If a key, a value or a unit is wrong, or a model that is to be compared cannot be read.
     """
     if options.recipe is None:
         recipe = check(Recipe, _said(options), "options")
     else:
         data = _relative_to(options.recipe.parent, read_yaml(options.recipe))
         recipe = check(Recipe, {**data, **_said(options)}, str(options.recipe))
-    if options.against is None:
-        return recipe
-    evaluate = recipe.evaluate.model_copy(update={"against": options.against})
-    return recipe.model_copy(update={"evaluate": evaluate})
+    if options.against is not None:
+        evaluate = recipe.evaluate.model_copy(update={"against": options.against})
+        recipe = recipe.model_copy(update={"evaluate": evaluate})
+    if recipe.evaluate.against is not None:
+        read_model(recipe.evaluate.against)
+    return recipe
 
 
 def _said(options: RunOptions) -> dict[str, Any]:

@@ -163,12 +163,12 @@ def test_another_version_of_the_code_runs_all_again(
 
 
 def test_a_model_that_is_compared_is_looked_into(fakes: dict[str, Fake]) -> None:
-    Path("old.yaml").write_text("one", encoding="utf-8")
+    Path("old.yaml").write_text("reference_point: cg", encoding="utf-8")
     go(against=Path("old.yaml"))
     computed(fakes)
     go(against=Path("old.yaml"))
     assert computed(fakes) == []
-    Path("old.yaml").write_text("two", encoding="utf-8")
+    Path("old.yaml").write_text("reference_point: rear_axle", encoding="utf-8")
     go(against=Path("old.yaml"))
     assert computed(fakes) == ["evaluate"]
 
@@ -327,6 +327,16 @@ def test_a_wrong_recipe_is_found_before_any_log_is_looked_at(fakes: dict[str, Fa
     with pytest.raises(UnusableLog):
         run_recipe(Path("recipe.yaml"), [Path("absent")], RunOptions(out=OUT), lambda *_: None)
     assert not OUT.exists()
+
+
+def test_a_model_that_cannot_be_read_is_found_before_any_log_is_looked_at(fakes: dict[str, Fake]) -> None:
+    Path("old.yaml").write_text("tyre: {}", encoding="utf-8")
+    with pytest.raises(BadRecipe, match="unknown key 'tyre': did you mean 'tyres'"):
+        go(against=Path("old.yaml"))
+    recipe("evaluate: {against: absent.yaml}")
+    with pytest.raises(BadRecipe, match=r"absent\.yaml: cannot be read"):
+        go()
+    assert computed(fakes) == []
 
 
 def test_two_runs_at_once_on_one_folder_are_refused(fakes: dict[str, Fake]) -> None:
