@@ -5,12 +5,13 @@ correlation time held below ``LONGEST_NOISE``: what is correlated for longer is 
 the model lacks, and a noise model that took it up would make the fit follow the fast part of the signals
 alone.
 
-The covariance is that of the Cramér-Rao bound where the whitened residuals are white over long times too.
-Where they are not, the model is wrong, and a likelihood that takes its errors for noise follows the fast part
-of the signals, which says little. Then the fit is least squares, each signal weighed by the size of what is
-left of it: the best simulation over windows that the model can give. Its covariance is the sandwich of Newey
-and West (1987, doi:10.2307/1913610): the scores of the shared parameters, gathered in bins of time over all
-signals, with Bartlett weights over several seconds.
+The covariance is that of the Cramér-Rao bound where the whitened residuals are white over long times too,
+wider by one factor where the scores scatter more than that. Where they are not, the model is wrong, and a
+likelihood that takes its errors for noise follows the fast part of the signals, which says little. Then the
+fit is least squares, each signal weighed by the size of what is left of it: the best simulation over windows
+that the model can give. Its covariance is the sandwich of Newey and West (1987, doi:10.2307/1913610): the
+scores of the shared parameters, gathered in bins of time over all signals, with Bartlett weights over several
+seconds (:mod:`ident.estimation.vehicle_covariance`).
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from ident.estimation.elimination import eliminate, inverse_of, triangle_of
 from ident.estimation.gauss_newton import minimise
 from ident.estimation.noise import AutoRegression, Linearised, NoiseModel, correlation_length
 from ident.estimation.noise_fit import fit_autoregression
+from ident.estimation.vehicle_covariance import sandwich, told_directions, widened
 from ident.estimation.vehicle_problem import (
     ALONG,
     STEERING_RATIO,
@@ -45,9 +47,6 @@ FREE_ROUNDS = 2  # rounds in which the order of the noise may still change
 FIRST_LOOK = 3  # iterations from each start before the best is followed
 BLOCK = 1.0  # [s] over which whitened residuals are summed to see slow colour
 CERTAIN = 1e-4  # p-value of that sum below which the colour is there
-BIN = 0.1  # [s] of the scores
-LONGEST_LAG = 3.0  # [s] of the scores' correlation
-TOLD = 0.99  # of the information on a direction: it comes from the data
 LEAST_SHARE = 1e-3  # of the information on a direction, that a run must have for it to be compared
 SETTLED = 1e-3
 SAME_WEIGHTS = 0.02
@@ -173,7 +172,7 @@ def _least_squares(fit: VehicleFit, floor: Mapping[str, float]) -> VehicleFit:
     made = _fit(point, fit.capped, converged=converged)
     return replace(
         made,
-        covariance=_sandwich(point, made.information),
+        covariance=sandwich(point, made.information),
         coloured=fit.coloured,
         log_likelihood=fit.log_likelihood,
     )
@@ -272,14 +271,9 @@ def _fit(point: VehiclePoint, capped: frozenset[str], *, converged: bool) -> Veh
         log_likelihood=_log_likelihood(point),
         converged=converged,
     )
-    return replace(fit, covariance=_sandwich(point, fit.information)) if fit.is_coloured else fit
-
-
-def _sandwich(point: VehiclePoint, information: Array) -> Array:
-    """Covariance from the scores as they are; the prior counts as it is."""
-    bread = np.linalg.inv(information)
-    prior = np.diag(1 / point.problem.prior_std**2)
-    return np.asarray(bread @ (scatter(point) + prior) @ bread)
+    if fit.is_coloured:
+        return replace(fit, covariance=sandwich(point, fit.information))
+    return replace(fit, covariance=widened(point, fit.information))
 
 
 def _slow_colour(point: VehiclePoint, name: str) -> float:
@@ -293,50 +287,6 @@ def _slow_colour(point: VehiclePoint, name: str) -> float:
         sums.append(blocks.sum(axis=1) / np.sqrt(length))
     total = np.concatenate(sums)
     return float(chi2.sf(np.sum(total**2), max(1, total.size))) if total.size else 1.0
-
-
-def scatter(point: VehiclePoint) -> Array:
-    """(s, s) long-run covariance of the scores of the shared parameters, what is local eliminated."""
-    scores = [_binned_scores(point, number) for number in range(len(point.problem.windows.records))]
-    scores = _without_run_terms(point, scores)
-    size = point.shared.size
-    total = np.zeros((size, size))
-    for of_run in scores:
-        lags = min(round(LONGEST_LAG / BIN), len(of_run) // 2)
-        total += of_run.T @ of_run
-        for lag in range(1, lags + 1):
-            product = of_run[lag:].T @ of_run[:-lag]
-            total += (1 - lag / (lags + 1)) * (product + product.T)
-    return total
-
-
-def _binned_scores(point: VehiclePoint, number: int) -> Array:
-    """(bins, b + s) scores of run terms and shared parameters in one window, its initial state eliminated."""
-    record = point.problem.windows.records[number]
-    bins = max(1, int(np.ceil((record.times[-1] - record.times[0]) / BIN)))
-    rows, where = [], []
-    for name, one in point.residuals.items():
-        part = slice(int(one.samples.begins[number]), int(one.samples.begins[number + 1]))
-        rows.append(point.white[name][part])
-        where.append(((one.samples.times[part] - record.times[0]) / BIN).astype(np.intp))
-    left = eliminate(np.vstack(rows), point.problem.local).rows
-    binned = np.zeros((bins, left.shape[1] - 1))
-    np.add.at(binned, np.clip(np.concatenate(where), 0, bins - 1), left[:, :-1] * left[:, -1:])
-    return binned
-
-
-def _without_run_terms(point: VehiclePoint, windows: Sequence[Array]) -> list[Array]:
-    """(bins, s) scores of each run, freed of those of its own terms."""
-    terms, made = len(point.problem.run_terms), []
-    for run, eliminated in enumerate(point.by_run):
-        own = np.vstack([w for w, of in zip(windows, point.problem.windows.run, strict=True) if of == run])
-        to_terms = np.zeros((terms, point.shared.size))
-        for column in range(point.shared.size):
-            unit = np.zeros(point.shared.size)
-            unit[column] = 1.0
-            to_terms[:, column] = eliminated.step(unit) - eliminated.step(np.zeros_like(unit))
-        made.append(own[:, terms:] + own[:, :terms] @ to_terms)
-    return made
 
 
 def _log_likelihood(point: VehiclePoint) -> float:
@@ -373,7 +323,7 @@ def run_agreement(fit: VehicleFit) -> list[RunAgreement]:
         return [RunAgreement(1.0, np.zeros(fit.shared.size), np.zeros(fit.shared.size)) for _ in parts]
     told = np.sum([jacobian.T @ jacobian for jacobian, _ in parts], axis=0)
     spread = np.linalg.inv(fit.information)
-    basis = _told_directions(told, fit.information)
+    basis = told_directions(told, fit.information)
     wider = inflation(fit)
     made = []
     for jacobian, residual in parts:
@@ -386,13 +336,6 @@ def run_agreement(fit: VehicleFit) -> list[RunAgreement]:
         std = np.sqrt(wider * np.einsum("ij,ij->i", alone, basis))
         made.append(RunAgreement(p, alone @ score, std))
     return made
-
-
-def _told_directions(told: Array, information: Array) -> Array:
-    """(s, k) directions of unit information, nearly all of which comes from the data."""
-    factor = np.linalg.inv(np.linalg.cholesky(information))
-    share, vectors = np.linalg.eigh(factor @ told @ factor.T)
-    return np.asarray(factor.T @ vectors[:, share > TOLD])
 
 
 def _quadratic_p(score: Array, spread: Array, wider: float) -> float:

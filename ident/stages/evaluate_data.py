@@ -94,11 +94,17 @@ def held_out_data(
     return HeldOut(
         [by_name[run.name] for run in data.runs],
         data.runs,
-        [_without_bias(record, biases) for record in data.records],
+        [_without_bias(_placed(record, tyres), biases) for record in data.records],
         data.body.cg_to_rear_axle,
         tyres,
         steering,
     )
+
+
+def _placed(record: MotionRecord, tyres: TyresResult) -> MotionRecord:
+    """Put the reference point where the fit found it, where nobody states it."""
+    found = [run.reference_x for run in tyres.by_run if run.used and run.reference_x is not None]
+    return record if record.reference_known or not found else replace(record, reference_x=found[0])
 
 
 def _without_bias(record: MotionRecord, biases: Mapping[str, float]) -> MotionRecord:
