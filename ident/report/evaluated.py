@@ -23,7 +23,7 @@ MODELS: dict[ModelName, str] = {
     "brush": "brush",
     "magic_formula": "Magic Formula",
 }
-INPUTS = {"measured": "measured steering", "request": "request through the actuator"}
+INPUTS = {"measured": "measured steering", "request": "request"}
 OTHERS = ("other_1", "other_2", "other_3", "other_4")
 
 Judgement = Literal["within", "near", "beyond", "unknown"]

@@ -98,7 +98,10 @@ def characteristics(found: Sequence[Characteristic]) -> list[Block]:
         Column("tolerance", "number"),
     ]
     rows = [_characteristic_row(one, names) for one in known]
-    note = "below each value its 95 % interval; ✗: measured and simulated differ by more than the tolerance"
+    note = (
+        "below each value its 95 % interval; ✗: measured and simulated differ by more than the tolerance; "
+        "without a colour: the intervals do not tell"
+    )
     told = Text(
         "Figures in the style of ISO 14792 (steady state) and ISO 14793 (transient), taken from whatever was "
         "driven: no test of these standards was made, and nothing here is a statement of conformity."
