@@ -20,6 +20,9 @@ CHANNELS = """signals:
   steering_wheel_request: {topic: /request, field: angle, unit: rad}
   steering_wheel_angle: {topic: /angle, field: angle, unit: rad}
 """
+ROUNDS = int(os.environ.get("IDENT_KILL_ROUNDS", "3"))
+EVERY = int(os.environ.get("IDENT_KILL_EVERY", "10"))
+"""Operation on files before which a run is killed; `make study` takes each of them."""
 HARNESS = ROOT / "tests" / "helpers" / "killed_runs.py"
 
 
@@ -70,16 +73,16 @@ def kill(how: str, logs: Path, out: Path, **options: Any) -> dict[str, Any]:
 
 
 def test_a_run_killed_at_random_moments_is_finished_by_the_next(logs: Path, tmp_path: Path) -> None:
-    rounds, kills = 3, 5
-    found = kill("random", logs, tmp_path / "out", seed=1, rounds=rounds, kills=kills)
-    assert found["differing"] == [[]] * rounds
-    assert found["codes"][kills :: kills + 1] == [0] * rounds
-    assert found["codes"].count(-9) > rounds * kills / 3, "hardly any run was killed before its end"
+    kills = 5
+    found = kill("random", logs, tmp_path / "out", seed=1, rounds=ROUNDS, kills=kills)
+    assert found["differing"] == [[]] * ROUNDS
+    assert found["codes"][kills :: kills + 1] == [0] * ROUNDS
+    assert found["codes"].count(-9) > ROUNDS * kills / 3, "hardly any run was killed before its end"
 
 
 def test_a_run_killed_before_any_operation_on_files_is_finished_by_the_next(
     logs: Path, tmp_path: Path
 ) -> None:
-    found = kill("operations", logs, tmp_path / "out", first=1, every=10)
+    found = kill("operations", logs, tmp_path / "out", first=1, every=EVERY)
     assert found["differing"] == {}
     assert found["last"] > 40, "hardly any operation was met"

@@ -5,8 +5,8 @@ from __future__ import annotations
 from ident.report.page import Page, Text, Verdict
 
 WHERE_TO_LOOK = (
-    "The page of the logs shows which signals were found and which are missing. Once the logs, the files that "
-    "apply to them or the recipe have changed, the next run asks this question again."
+    "The page of the logs shows which signals were found and which are missing. Once the logs, the files "
+    "that apply to them or the recipe have changed, the next run asks this question again."
 )
 
 
