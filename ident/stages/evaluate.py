@@ -18,6 +18,7 @@ from ident.estimation.repeats import repeat_noise
 from ident.estimation.vehicle_records import MotionRecord
 from ident.results import (
     SCHEMA_VERSION,
+    Check,
     Comparison,
     Error,
     Estimate,
@@ -144,7 +145,7 @@ def _result(
         repeat_noise=dict(noise),
         runs=[run.health for run in loaded.runs],
         refused=[*motion.left_out, *_refused(settings, told), *loaded.unreadable],
-        warnings=[*loaded.warnings, *motion.warnings, *(one.text for one in found if one.verdict != "fine")],
+        warnings=list(dict.fromkeys([*loaded.warnings, *motion.warnings, *_doubts(found)])),
         against=None if settings.against is None else str(settings.against),
         geometry={
             "cg_to_front_axle": motion.body.cg_to_front_axle,
@@ -152,6 +153,10 @@ def _result(
             "reference_x": data.records[0].reference_x,
         },
     )
+
+
+def _doubts(found: Sequence[Check]) -> list[str]:
+    return [one.text for one in found if one.verdict != "fine"]
 
 
 def is_acceptable(one: EvaluatedModel, acceptable: Mapping[str, float]) -> bool:

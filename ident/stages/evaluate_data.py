@@ -19,7 +19,7 @@ from ident.results import SteeringResult, TyresResult
 from ident.signals.run import LoadedLogs, Run
 from ident.stages.evaluate_models import OFFSET, sensor_biases
 from ident.stages.inputs import InputSettings
-from ident.stages.tyre_data import TyreData, tyre_data
+from ident.stages.tyre_data import NOT_NAMED, TyreData, tyre_data
 
 Array = NDArray[np.float64]
 
@@ -71,7 +71,8 @@ def held_out_motion(loaded: LoadedLogs, inputs: InputSettings, tyres: TyresResul
         )
     data = tyre_data(loaded, inputs.align, [escape(name) for name in names], LEAST_SPEED)
     blocks = {number: split.block_of(run.name) for number, run in enumerate(data.runs)}
-    return replace(data, records=[part for r in data.records if (part := _within(r, blocks[r.run]))])
+    records = [part for r in data.records if (part := _within(r, blocks[r.run]))]
+    return replace(data, records=records, left_out=[one for one in data.left_out if one.reason != NOT_NAMED])
 
 
 def _within(record: MotionRecord, block: tuple[float, float] | None) -> MotionRecord | None:

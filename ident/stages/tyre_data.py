@@ -22,6 +22,7 @@ from ident.vehicle import Vehicle
 GIVEN = {"mass": "kg", "cg_to_front_axle": "m", "cg_to_rear_axle": "m"}
 TURNING = ("yaw_rate", "heading", "lateral_acceleration")
 LEAST_ACCELERATION = 0.5  # [m/s²]
+NOT_NAMED = "not among tyres.runs"
 STRETCH = 1e6  # [s]: windows are cut by the fit
 
 
@@ -63,7 +64,7 @@ def tyre_data(
         If the vehicle file lacks what cannot be identified, or no run tells how the vehicle turns.
     """
     known = [run for run in loaded.runs if globs is None or named(run.name, globs)]
-    left_out = [Refusal(run.name, "not among tyres.runs") for run in loaded.runs if run not in known]
+    left_out = [Refusal(run.name, NOT_NAMED) for run in loaded.runs if run not in known]
     if not known:
         raise NotIdentifiable(f"no run is named by tyres.runs {', '.join(globs or [])}")
     split = split or SplitSettings()
