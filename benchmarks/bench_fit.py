@@ -4,8 +4,9 @@
 
 The same objective, start, model and minimiser (see ``fit_problem.py``). `ident` and CasADi have exact
 derivatives, scipy has ``solve_ivp`` and finite differences. Deriving and compiling is timed apart; fits are
-timed in processor time, so that others on the machine do not matter much. Estimates are compared, so that nobody is fast by being wrong: the table tells the largest relative difference from
-`ident` of any of the eight parameters, and in standard errors.
+timed in processor time of one core, so that others on the machine do not matter much. Estimates are compared,
+so that nobody is fast by being wrong: the table tells the largest relative difference from `ident` of any of
+the eight parameters, and in standard errors.
 
 CasADi is timed four times: with its own derivatives of the simulation or with the recursion of the
 sensitivities written out by hand, each on its virtual machine and as C compiled for this machine.
