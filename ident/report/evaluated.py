@@ -44,6 +44,11 @@ def driven_by(result: EvaluateResult, given: str) -> list[EvaluatedModel]:
     return [model for model in result.models if model.input == given]
 
 
+def reason(result: EvaluateResult) -> str | None:
+    """Say why a model was chosen, or none was, where the verdict does not say it already."""
+    return None if result.why in result.verdict else result.why
+
+
 def signals_of(result: EvaluateResult) -> list[str]:
     """Name every signal that some model was compared on, in the order in which errors are told."""
     return in_order(name for model in result.models for name in (*standard(model), *model.rms))

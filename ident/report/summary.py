@@ -12,6 +12,7 @@ from ident.report.evaluated import (
     judge_position,
     model_name,
     position_error,
+    reason,
     shown_error,
     standard,
 )
@@ -214,7 +215,9 @@ def _choice_lines(result: EvaluateResult) -> list[str]:
     held = {"run": "whole runs", "part": "parts of the same run", "block": "blocks of the same run"}
     on = held.get(result.split_by, "NOT held out: used in the fit")
     names = listed([plain(name) for name in result.held_out], 6)
-    return [f"  chosen: {chosen} ({plain(result.why)})", f"  held out: {names or 'nothing'} ({on})"]
+    why = reason(result)
+    told = "" if why is None else f" ({plain(why)})"
+    return [f"  chosen: {chosen}{told}", f"  held out: {names or 'nothing'} ({on})"]
 
 
 def _model_lines(result: EvaluateResult) -> list[str]:

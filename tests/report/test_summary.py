@@ -130,6 +130,13 @@ def test_the_evaluation_says_verdict_choice_errors_and_what_to_do_next(evaluate_
     assert lines[-1] == f"next: {result.next_step}"
 
 
+def test_a_reason_that_the_verdict_gives_is_not_given_again(evaluate_case):
+    result = replace(evaluate_case[0], verdict=f"No model is usable: {evaluate_case[0].why}", chosen=None)
+    text = describe_evaluate(result)
+    assert text.count(result.why) == 1
+    assert "\n  chosen: none\n" in text
+
+
 def test_each_model_has_a_line_with_what_is_beyond_marked(evaluate_case):
     result = evaluate_case[0]
     lines = [line.split() for line in describe_evaluate(result).splitlines()]

@@ -61,7 +61,7 @@ def _lead_caption(result: EvaluateResult, shown: EvaluatedModel | None) -> str:
     )
     told += "; crosses: driven in training only." if "training" in result.coverage else "."
     if shown is not None:
-        told += f" Runs: {model_name(shown.name)}, simulated freely from the first instant of the run."
+        told += f" Runs: {model_name(shown.name)}, simulated freely from the first instant held out."
     return told
 
 

@@ -13,6 +13,7 @@ from ident.report.evaluated import (
     driven_by,
     judge,
     model_name,
+    reason,
     shown_error,
     signals_of,
     standard,
@@ -148,7 +149,7 @@ def key_figures(result: EvaluateResult) -> Facts:
     """Give the choice and its reason, what the numbers rest on, and how the requirements stand."""
     chosen = "none" if result.chosen is None else model_name(result.chosen)
     items: list[tuple[str, Cell | str]] = [
-        ("chosen", Cell(chosen, tone="bad" if result.chosen is None else "good", detail=result.why)),
+        ("chosen", Cell(chosen, tone="bad" if result.chosen is None else "good", detail=reason(result))),
         ("held out", Cell(_split(result), detail=", ".join(result.held_out) or None)),
         ("requirements", _requirements_brief(result.requirements)),
         ("checks", _checks_brief(result.checks)),
@@ -181,7 +182,7 @@ def _requirements_brief(found: Sequence[Requirement]) -> Cell:
 
 def _checks_brief(found: Sequence[Check]) -> Cell:
     told = [
-        f"{number} {word}"
+        count(number, word, "warnings" if word == "warning" else word)
         for word in ("refused", "warning", "fine")
         if (number := sum(one.verdict == word for one in found))
     ]
