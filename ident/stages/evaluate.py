@@ -27,7 +27,6 @@ from ident.results import (
     ModelName,
     Refusal,
     Requirement,
-    SplitBy,
     SteeringResult,
     TyresResult,
 )
@@ -39,7 +38,7 @@ from ident.stages.evaluate_errors import JUDGED, Evaluated, Level, levels
 from ident.stages.evaluate_models import candidates, from_file
 from ident.stages.evaluate_settings import UNITS, EvaluateSettings
 from ident.stages.evaluate_tables import evaluate_tables
-from ident.stages.inputs import InputSettings, load, provenance
+from ident.stages.inputs import InputSettings, SplitSettings, load, provenance
 from ident.stages.output import Context, StageOutput
 from ident.stages.tyre_data import TyreData
 
@@ -88,7 +87,7 @@ def evaluate(
     evaluated = _evaluated(models, at, context)
     noise = repeat_noise(data.records, data.names)
     told = [one.told(data.names, settings.acceptable, noise) for one in evaluated]
-    result = _result(loaded, context, settings, motion, data, evaluated, told, noise, inputs.split.by)
+    result = _result(loaded, context, settings, motion, data, evaluated, told, noise, inputs.split)
     return StageOutput(result, evaluate_tables(data, evaluated))
 
 
@@ -110,12 +109,13 @@ def _result(
     evaluated: Sequence[Evaluated],
     told: Sequence[EvaluatedModel],
     noise: Mapping[str, float],
-    split_by: SplitBy,
+    split: SplitSettings,
 ) -> EvaluateResult:
     measured = [one for one in told if one.input == "measured"]
+    held_out = data.parts(split)
     chosen = choose(measured, settings.acceptable)
     own = [one for one in evaluated if one.level.name == "measured"]
-    found = checks(data.runs, data.motion, data.tyres, motion.vehicle, data.names)
+    found = checks(data.runs, data.motion, data.tyres, motion.vehicle, held_out)
     speed, acceleration, coverage = _coverage(data)
     against = _against(settings, own, chosen)
     return EvaluateResult(
@@ -127,8 +127,8 @@ def _result(
         acceptable={name: Error(v, None, None, UNITS[name]) for name, v in settings.acceptable.items()},
         chosen=chosen,
         why=_why(measured, chosen, settings.acceptable),
-        split_by=split_by,
-        held_out=data.names,
+        split_by=split.by,
+        held_out=held_out,
         training=[run.run for run in data.tyres.by_run if run.used],
         comparisons=[*_comparisons(own, chosen or _best(measured).name), *against],
         characteristics=characteristics(

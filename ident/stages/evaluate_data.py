@@ -18,7 +18,7 @@ from ident.experiments.steering_data import SteeringRun, steering_run
 from ident.results import SteeringResult, TyresResult
 from ident.signals.run import LoadedLogs, Run
 from ident.stages.evaluate_models import OFFSET, sensor_biases
-from ident.stages.inputs import InputSettings
+from ident.stages.inputs import InputSettings, SplitSettings
 from ident.stages.tyre_data import NOT_NAMED, TyreData, tyre_data
 
 Array = NDArray[np.float64]
@@ -46,6 +46,17 @@ class HeldOut:
     def names(self) -> list[str]:
         """Names of the runs, in the order of their indices."""
         return [run.name for run in self.motion]
+
+    def parts(self, split: SplitSettings) -> list[str]:
+        """Names of the runs, with what is held out of those that are held out in part."""
+        made = []
+        for number, name in enumerate(self.names):
+            own = [record for record in self.records if record.run == number]
+            if split.block_of(name) is None or not own:
+                made.append(name)
+            else:
+                made += [f"{name} [{one.times[0]:.2f}, {one.times[-1]:.2f}] s" for one in own]
+        return made
 
 
 def held_out_motion(loaded: LoadedLogs, inputs: InputSettings, tyres: TyresResult) -> TyreData:
