@@ -347,9 +347,11 @@ def _quadratic_p(score: Array, spread: Array, wider: float) -> float:
 
 def inflation(fit: VehicleFit) -> float:
     """How many times larger the scores' covariance is than white residuals would make it, on average."""
-    if not fit.is_coloured:
-        return 1.0
-    return max(1.0, float(np.trace(fit.information @ fit.covariance)) / fit.shared.size)
+    prior = np.diag(1 / fit.point.problem.prior_std**2)
+    basis = told_directions(fit.information - prior, fit.information)
+    scores = fit.information @ fit.covariance @ fit.information
+    mean: float = float(np.trace(basis.T @ scores @ basis)) / max(1, basis.shape[1])
+    return mean if mean > 1.0 else 1.0
 
 
 def to_fixed(problem: VehicleProblem, fit: VehicleFit, others: Sequence[str]) -> Array:
