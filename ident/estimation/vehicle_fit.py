@@ -351,7 +351,7 @@ def inflation(fit: VehicleFit) -> float:
     basis = told_directions(fit.information - prior, fit.information)
     scores = fit.information @ fit.covariance @ fit.information
     mean: float = float(np.trace(basis.T @ scores @ basis)) / max(1, basis.shape[1])
-    return mean if mean > 1.0 else 1.0
+    return max(1.0, mean)
 
 
 def to_fixed(problem: VehicleProblem, fit: VehicleFit, others: Sequence[str]) -> Array:
