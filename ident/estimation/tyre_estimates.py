@@ -8,7 +8,7 @@ parameter would move.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,8 @@ IDENTIFIED, WEAK = 0.1, 0.5  # relative standard errors
 FAR = 3.0  # standard deviations of the prior
 OWN_SHARE = 0.5  # of the prior's standard deviation: above, the data add little to it
 FIXED = ("mass", "cg_to_front_axle", "cg_to_rear_axle", STEERING_RATIO)
+PEAK = ("peak_force", "shape", "curvature")
+PEAK_REACHED = 0.95  # of the peak force: the axle has come near it
 REACH = 1.6  # of the excited slip angle, up to which curves are drawn
 POINTS = 81
 EXCITED = 0.001  # share of the samples beyond either end
@@ -78,6 +80,8 @@ def tyre_fit(found: KindFit, known: Uncertainty, criterion: float) -> TyreFit:
         one.name: _estimate(one, at, s, excited)
         for one, at, s in zip(found.problem.coordinates, found.fit.shared, std, strict=True)
     }
+    for axle in AXLES:
+        by_name |= _beyond_what_was_driven(axle, found, by_name, excited[axle])
     gradient, speed = _understeer(found, known)
     return TyreFit(
         kind=found.kind,  # type: ignore[arg-type]
@@ -122,6 +126,33 @@ def _estimate(one: Coordinate, at: float, std: float, excited: Mapping[str, Sequ
     return Estimate(value, float(size), ends[0], ends[1], unit, status, reason)
 
 
+def _beyond_what_was_driven(
+    axle: str, found: KindFit, by_name: Mapping[str, Estimate], excited: Sequence[float]
+) -> dict[str, Estimate]:
+    """Call what shapes the peak weak at best, where the axle has not come near it.
+
+    Its interval then holds only if the axle goes on beyond the data as this kind of tyres does.
+    """
+    names = TYRES[found.kind].names
+    if "peak_force" not in names:
+        return {}
+    own = {name: found.parameters[f"{axle}.{name}"] for name in names}
+    slip = np.linspace(excited[0], excited[1], POINTS)
+    reached, peak = float(np.abs(axle_force(found.kind, slip, own)[0]).max()), own["peak_force"]
+    if reached > PEAK_REACHED * peak:
+        return {}
+    reason = (
+        f"rests on the shape of the curve beyond what was driven: the {axle} force reaches "
+        f"{reached / 1e3:.3g} of {peak / 1e3:.3g} kN: drive harder"
+    )
+    of_peak = [f"{axle}.{name}" for name in names if name in PEAK]
+    return {
+        name: replace(by_name[name], status="weak", reason=reason)
+        for name in of_peak
+        if by_name[name].status == "identified"
+    }
+
+
 def _unit(name: str) -> str:
     if name in PLAIN_UNITS:
         return PLAIN_UNITS[name]
@@ -143,12 +174,9 @@ def _status(
     what = _what_to_drive(axle, own, excited)
     if held or relative > WEAK:
         usual = one.value(one.prior_mean)
-        near = f", held near the usual {usual:.3g}" if np.isfinite(one.prior_std) else ""
+        near = f" beyond what is usual ({usual:.3g})" if np.isfinite(one.prior_std) else ""
         if held and abs(at - one.prior_mean) > FAR * one.prior_std:
-            near = (
-                f", and draws it far from the usual {usual:.3g}: something that the model lacks makes the "
-                "axle stiffer where it slips most, such as downforce at speed"
-            )
+            near = f", and draw it far from the usual {usual:.3g}: the model lacks something"
         return "not_identifiable", f"the data do not tell it{near}: {what}"
     return "weak", f"known to {100 * relative:.0f} %: {what}"
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from ident.dynamics.bicycle import bicycle
+from ident.dynamics.constants import GRAVITY
 from ident.dynamics.engine import compiled
 from ident.dynamics.tyres import TYRES
 from ident.estimation.noise import NoiseModel
@@ -34,7 +35,6 @@ from ident.results import TyreKind
 Array = NDArray[np.float64]
 
 KINKS = ((0.85, 0.85), (0.7, 0.7), (0.55, 0.55), (0.7, 2.0), (2.0, 0.7))  # of the largest slip angles
-GRAVITY = 9.81  # [m/s²]
 WINDOW = 10.0  # [s]
 AXLES = ("front", "rear")
 
@@ -257,7 +257,9 @@ def _inertia(body: Body) -> Coordinate:
         if "yaw_inertia" in body.std:
             std = body.std["yaw_inertia"] / value
     low, high = float(np.log(value / FARTHEST)), float(np.log(value * FARTHEST))
-    return Coordinate("yaw_inertia", True, low, high, float(np.log(value)), std)
+    return Coordinate(
+        "yaw_inertia", logarithmic=True, low=low, high=high, prior_mean=float(np.log(value)), prior_std=std
+    )
 
 
 def _of_axle(axle: str, name: str, body: Body) -> Coordinate:

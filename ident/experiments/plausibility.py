@@ -243,10 +243,12 @@ def _late(run: Run) -> list[Finding]:
             continue
         if abs(delay) < max(LATE_DOUBTED, 5 * std):
             continue
-        verdict: Verdict = "refused" if abs(delay) > LATE_REFUSED else "warning"
+        late = abs(delay) > LATE_REFUSED
+        verdict: Verdict = "refused" if late else "warning"
+        limit = LATE_REFUSED if late else LATE_DOUBTED
         text = (
             f"{each.signal} is {abs(delay):.2f} s {'late' if delay > 0 else 'early'} against "
-            f"{each.reference}, need less than {LATE_REFUSED:g} s: state it as align.latency in the recipe"
+            f"{each.reference}, need less than {limit:g} s: state it as align.latency in the recipe"
             f"{_instead(each.signal)}"
         )
         findings.append(Finding(f"delay of {each.signal}", verdict, names, delay, 1.0, text))

@@ -85,8 +85,6 @@ CLASSES = {
     "underdamped": "underdamped",
 }
 
-STATUS = {"identified": "identified", "weak": "weak", "not_identifiable": "not identifiable"}
-
 
 def of_model(model: SteeringModel, parameter: Parameter) -> Estimate:
     """Give the estimate of one parameter."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from ident.report.estimates import STATUS
 from ident.report.evaluated import (
     MARKS,
     STANDARD,
@@ -29,7 +30,7 @@ from ident.report.numbers import (
     unit_text,
     with_unit,
 )
-from ident.report.steering_parameters import CLASSES, PARAMETERS, SHORT_METHODS, STATUS, of_model
+from ident.report.steering_parameters import CLASSES, PARAMETERS, SHORT_METHODS, of_model
 from ident.report.tyre_parameters import (
     AXLES,
     KINDS,
@@ -43,6 +44,7 @@ from ident.report.tyre_parameters import (
 )
 from ident.results import (
     Bandwidth,
+    Error,
     Estimate,
     EvaluateResult,
     Experiment,
@@ -52,7 +54,8 @@ from ident.results import (
     TyresResult,
 )
 
-TOLD = ("yaw_rate", "lateral_acceleration")
+TOLD = ("yaw_rate", "lateral_acceleration", "heading", "lateral_velocity")
+MOST_TOLD = 2  # beside the position
 MOST_LINES = 8
 """Refusals and warnings beyond these are counted."""
 
@@ -199,6 +202,7 @@ def describe_evaluate(result: EvaluateResult) -> str:
     text : of a few lines, without control characters; the last line does not end with a line break
     """
     lines = [plain(result.verdict), *_choice_lines(result), "", *_model_lines(result), ""]
+    lines += _against_lines(result)
     lines += _requirement_lines(result.requirements)
     found = [one for one in result.checks if one.verdict != "fine"]
     lines += _limited("check", [f"{one.what}: {one.text}" for one in found])
@@ -222,24 +226,46 @@ def _choice_lines(result: EvaluateResult) -> list[str]:
 
 def _model_lines(result: EvaluateResult) -> list[str]:
     """Put the errors of every model over windows into columns, with how far it holds and what it costs."""
-    units = [signal_unit(name)[1] for name in TOLD]
-    heads = [f"{name.replace('_', ' ')} [{unit}]" for name, unit in zip(TOLD, units, strict=True)]
-    rows = [("model", *heads, "position [m]", "good to [m/s²]", "ns/step")]
-    for model in result.models:
-        found = standard(model)
-        errors = [
-            MARKS[judge(found.get(name), result.acceptable.get(name))].replace("\u00a0", " ")
-            + shown_error(name, found.get(name))
-            for name in TOLD
-        ]
+    models = result.models
+    told = [name for name in TOLD if any(name in standard(model) for model in models)][:MOST_TOLD]
+    placed = any(position_error(standard(model)) is not None for model in models)
+    heads = [f"{name.replace('_', ' ')} [{signal_unit(name)[1]}]" for name in told]
+    rows = [("model", *heads, *(["position [m]"] if placed else []), "good to [m/s²]", "ns/step")]
+    for model in models:
         name = model_name(model.name) + (", on the request" if model.input == "request" else "")
-        position, reach = position_error(found), model.valid_to
-        mark = MARKS[judge_position(found, result.acceptable)].replace("\u00a0", " ")
-        more = (mark + significant(position), significant(reach, 2), significant(model.cost_ns_per_step))
-        rows.append((name, *errors, *more))
+        errors = _error_cells(result, standard(model), told, placed=placed)
+        rows.append((name, *errors, significant(model.valid_to, 2), significant(model.cost_ns_per_step)))
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     note = f"  RMS over windows of {STANDARD}; ✗ beyond the acceptable size, ≈ its interval holds it"
     return [*("  " + _aligned(row, widths) for row in rows), note]
+
+
+def _error_cells(
+    result: EvaluateResult, found: Mapping[str, Error], told: Sequence[str], *, placed: bool
+) -> list[str]:
+    """Mark and size of the error of each signal, then of the position."""
+    judged = [judge(found.get(name), result.acceptable.get(name)) for name in told]
+    sizes = [shown_error(name, found.get(name)) for name in told]
+    if placed:
+        judged.append(judge_position(found, result.acceptable))
+        sizes.append(significant(position_error(found)))
+    return [MARKS[one].replace("\u00a0", " ") + size for one, size in zip(judged, sizes, strict=True)]
+
+
+def _against_lines(result: EvaluateResult) -> list[str]:
+    """Say of each signal whether the identified model or that of the other file is better."""
+    lines = []
+    for one in result.comparisons:
+        if result.against is None or result.against not in (one.better, one.worse):
+            continue
+        low, high = (significant(end) for end in (one.ratio.low, one.ratio.high))
+        certain = "" if one.ratio.status == "identified" else ": within the spread between blocks"
+        lines.append(
+            f"  {one.signal.replace('_', ' ')}: {plain(model_name(one.better))} leaves "
+            f"{significant(one.ratio.value)} ({low} … {high}) times the error of "
+            f"{plain(model_name(one.worse))}{certain}"
+        )
+    return [*lines, ""] if lines else []
 
 
 def _aligned(row: Sequence[str], widths: Sequence[int]) -> str:

@@ -84,8 +84,6 @@ SHORT_SIGNALS = {
     "position_y": "y",
 }
 
-STATUS = {"identified": "identified", "weak": "weak", "not_identifiable": "not identifiable"}
-
 
 def parameter(name: str) -> Parameter:
     """Describe a parameter by its name, with or without its axle before it."""

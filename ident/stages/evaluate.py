@@ -28,6 +28,7 @@ from ident.results import (
     Refusal,
     Requirement,
     SteeringResult,
+    TyreKind,
     TyresResult,
 )
 from ident.signals.run import LoadedLogs
@@ -117,7 +118,7 @@ def _result(
     own = [one for one in evaluated if one.level.name == "measured"]
     found = checks(data.runs, data.motion, data.tyres, motion.vehicle, held_out)
     speed, acceleration, coverage = _coverage(data)
-    against = _against(settings, own, chosen)
+    compared = chosen or _best(measured).name
     return EvaluateResult(
         schema_version=SCHEMA_VERSION,
         provenance=provenance(context, loaded),
@@ -130,7 +131,7 @@ def _result(
         split_by=split.by,
         held_out=held_out,
         training=[run.run for run in data.tyres.by_run if run.used],
-        comparisons=[*_comparisons(own, chosen or _best(measured).name), *against],
+        comparisons=[*_comparisons(own, compared), *_against(settings, own, data.tyres.chosen)],
         characteristics=characteristics(
             own[0].level.cuts["whole"],
             {one.candidate.name: one.predictions["whole"] for one in own},
@@ -144,7 +145,7 @@ def _result(
         acceleration_edges=acceleration,
         repeat_noise=dict(noise),
         runs=[run.health for run in loaded.runs],
-        refused=[*motion.left_out, *_refused(settings, told), *loaded.unreadable],
+        refused=[*motion.left_out, *_refused(settings, told, data.tyres.chosen), *loaded.unreadable],
         warnings=list(dict.fromkeys([*loaded.warnings, *motion.warnings, *_doubts(found)])),
         against=None if settings.against is None else str(settings.against),
         geometry={
@@ -267,13 +268,10 @@ def _pairwise(own: Evaluated, other: Evaluated) -> list[Comparison]:
     return made
 
 
-def _against(
-    settings: EvaluateSettings, evaluated: Sequence[Evaluated], chosen: ModelName | None
-) -> list[Comparison]:
-    """Compare with the model of another file, on the same windows."""
+def _against(settings: EvaluateSettings, evaluated: Sequence[Evaluated], name: ModelName) -> list[Comparison]:
+    """Compare a model with that of another file, on the same windows."""
     if settings.against is None:
         return []
-    name = chosen or evaluated[-1].candidate.name
     own = next(one for one in evaluated if one.candidate.name == name)
     return _pairwise(own, Evaluated(from_file(settings.against), own.level))
 
@@ -310,9 +308,13 @@ def _turning(speed: Array, record: MotionRecord) -> Array:
     return np.abs(speed * np.interp(record.times, turn.times, turn.values))
 
 
-def _refused(settings: EvaluateSettings, told: Sequence[EvaluatedModel]) -> list[Refusal]:
+def _refused(
+    settings: EvaluateSettings, told: Sequence[EvaluatedModel], identified: TyreKind
+) -> list[Refusal]:
     there = {one.name for one in told}
     made = [Refusal(name, "was not fitted") for name in settings.models if name not in there]
+    if settings.against is not None and identified not in there:
+        made.append(Refusal("comparison with another model", f"{NAMES[identified]} is not among the models"))
     if all(one.input == "measured" for one in told):
         made.append(
             Refusal(

@@ -202,11 +202,11 @@ def _point_check(what: str, point: Estimate, ahead: float, where: str) -> Check 
     off = abs(point.value - ahead)
     fits = f"the {what} fits a point {point.value:.2f} ± {point.std:.2f} m ahead of the rear axle"
     if off <= max(MISPLACED, CERTAIN * point.std):
-        return Check(POINT, "fine", f"{fits}, stated is {where}")
+        return Check(POINT, "fine", f"{fits}, taken is {where}")
     return Check(
         POINT,
         "refused" if off > FAR else "warning",
-        f"{fits}, stated is {where}: correct reference_point in vehicle.yaml, or at: in channels.yaml",
+        f"{fits}, taken is {where}: correct reference_point in vehicle.yaml, or at: in channels.yaml",
     )
 
 

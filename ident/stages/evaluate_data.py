@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from glob import escape
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from ident.stages.inputs import InputSettings, SplitSettings
 from ident.stages.tyre_data import NOT_NAMED, TyreData, tyre_data
 
 Array = NDArray[np.float64]
+Motion = TypeVar("Motion", MotionRecord, MotionRun)
 
 LEAST_SPEED = 1.0  # [m/s] below which nothing is predicted
 SHORTEST = 0.5  # [s] of a request that is followed
@@ -105,7 +107,7 @@ def held_out_data(
     biases = sensor_biases(tyres)
     return HeldOut(
         [by_name[run.name] for run in data.runs],
-        data.runs,
+        [_placed(run, tyres) for run in data.runs],
         [_without_bias(_placed(record, tyres), biases) for record in data.records],
         data.body.cg_to_rear_axle,
         tyres,
@@ -113,10 +115,10 @@ def held_out_data(
     )
 
 
-def _placed(record: MotionRecord, tyres: TyresResult) -> MotionRecord:
+def _placed(motion: Motion, tyres: TyresResult) -> Motion:
     """Put the reference point where the fit found it, where nobody states it."""
     found = [run.reference_x for run in tyres.by_run if run.used and run.reference_x is not None]
-    return record if record.reference_known or not found else replace(record, reference_x=found[0])
+    return motion if motion.reference_known or not found else replace(motion, reference_x=found[0])
 
 
 def _without_bias(record: MotionRecord, biases: Mapping[str, float]) -> MotionRecord:
@@ -195,11 +197,10 @@ def _actuator(steering: SteeringResult | None) -> Steering | None:
     if any(value is None for value in known):
         return None
     gain, dead_time, total = (float(value or 0.0) for value in known)
-    lags = [one.value for one in (model.time_constant_1, model.time_constant_2)]
-    total_of_lags = total - dead_time
-    product = float(lags[0]) * float(lags[1]) if lags[0] is not None and lags[1] is not None else 0.0
+    frequency = model.natural_frequency.value  # of any response, also of one that has no real time constants
+    product = 0.0 if frequency is None else 1 / frequency**2
     table = steering.ratio if steering.pair == "steering_wheel" else [[-1.0, -1.0], [1.0, 1.0]]
-    return Steering(gain, dead_time, total_of_lags, product, np.array(table))
+    return Steering(gain, dead_time, total - dead_time, product, np.array(table))
 
 
 def _zero(tyres: TyresResult) -> float:

@@ -11,6 +11,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ident.errors import NotIdentifiable
 from ident.estimation.evaluation import (
     BlockSums,
     Candidate,
@@ -75,7 +76,14 @@ def _acceleration(record: MotionRecord) -> float:
 
 def levels(data: HeldOut) -> list[Level]:
     """The measured steering, and the request through the actuator where one was followed."""
-    made = [Level("measured", _cuts(data.records, data.rear_arm))]
+    measured = _cuts(data.records, data.rear_arm)
+    if JUDGED not in measured:
+        longest = max(float(r.times[-1] - r.times[0]) for r in data.records)
+        raise NotIdentifiable(
+            f"the longest stretch that is held out has {longest:.2g} s, need more than {JUDGED}: hold out a "
+            "longer run with split.held_out"
+        )
+    made = [Level("measured", measured)]
     driver = driver_of(data)
     followed = [] if driver is None else [part for r in data.records for part in driver.followed(r)]
     if driver is not None and followed:
@@ -185,9 +193,11 @@ class Evaluated:
 
 
 def valid_to(bands: Sequence[AccelerationBand], acceptable: Mapping[str, float]) -> float | None:
-    """|a_y| up to which every driven band is acceptable, None where the first is not [m/s²]."""
+    """|a_y| up to which every band is driven and acceptable, None where the first is not [m/s²]."""
     end: float | None = None
     for band in bands:
+        if band.lowest > (end or 0.0):
+            return end
         if any(name in band.rms and band.rms[name].value > limit for name, limit in acceptable.items()):
             return end
         end = band.highest if band.highest is not None else band.lowest

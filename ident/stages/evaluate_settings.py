@@ -9,19 +9,21 @@ from typing import Annotated, Any, get_args
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from ident.errors import BadRecipe
+from ident.glossary import SIGNALS
 from ident.results import ModelName
 from ident.units import parse_quantity
 from ident.yaml_file import nearest
 
-UNITS = {
-    "position_x": "m",
-    "position_y": "m",
-    "heading": "rad",
-    "lateral_velocity": "m/s",
-    "yaw_rate": "rad/s",
-    "lateral_acceleration": "m/s^2",
-    "road_wheel_angle": "rad",
-}
+SIGNALS_JUDGED = (
+    "position_x",
+    "position_y",
+    "heading",
+    "lateral_velocity",
+    "yaw_rate",
+    "lateral_acceleration",
+    "road_wheel_angle",
+)
+UNITS = {name: SIGNALS[name].unit for name in SIGNALS_JUDGED}
 ACCEPTABLE = {
     "position_x": 0.3,
     "position_y": 0.3,

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from ident.estimation.tyre_fit import BANK, MISALIGNED, SENSOR_BIAS, KindFit
+from ident.glossary import SIGNALS
 from ident.results import EffectEstimate, Estimate
 from ident.stages.tyre_data import TyreData
 
@@ -14,7 +15,7 @@ Array = NDArray[np.float64]
 
 Z = float(norm.ppf(0.975))
 NEEDED = 0.01
-UNITS = {"yaw_rate": "rad/s", "lateral_acceleration": "m/s^2", "lateral_velocity": "m/s", "heading": "rad"}
+UNITS = {name: SIGNALS[name].unit for name in SENSOR_BIAS}
 OFFSET = "steering_offset"
 REFERENCE = "reference_x"  # coordinate: place of the point that pose and velocity refer to, from the CG
 

@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from ident.errors import NotIdentifiable
 from ident.estimation.noise import AutoRegression
 from ident.estimation.tyre_estimates import Uncertainty, tyre_fit, uncertainty
-from ident.estimation.tyre_fit import AXLES, KindFit, criteria, fit_tyres
+from ident.estimation.tyre_fit import AXLES, SENSOR_BIAS, KindFit, criteria, fit_tyres
 from ident.estimation.tyre_start import tyre_starts
 from ident.estimation.vehicle_fit import RunAgreement, run_agreement
+from ident.estimation.vehicle_problem import ACROSS, ALONG, POSITION
+from ident.glossary import SIGNALS
 from ident.results import (
     SCHEMA_VERSION,
     EffectEstimate,
@@ -50,14 +52,8 @@ NAMES = {
     "brush": "Brush",
     "magic_formula": "Magic Formula",
 }
-UNITS = {
-    "yaw_rate": "rad/s",
-    "lateral_acceleration": "m/s^2",
-    "lateral_velocity": "m/s",
-    "heading": "rad",
-    "position_along": "m",
-    "position_across": "m",
-}
+UNITS = {name: SIGNALS[name].unit for name in (*SENSOR_BIAS, *POSITION)}
+UNITS |= dict.fromkeys((ALONG, ACROSS), UNITS["position_x"])
 OF_EFFECTS = {"steering_offset": "effects.steering_offset.angle", "reference_x": "effects.antenna_offset.x"}
 TELLS = 0.25  # largest relative standard error of a parameter that a run alone tells
 DISAGREES = 1e-3

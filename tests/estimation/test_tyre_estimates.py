@@ -10,7 +10,7 @@ import pytest
 from generator.motion_sets import measured_again, motion_set, noise_free
 from generator.runs import Trip, driver_run
 from generator.truth import load_truth
-from plane_truck import BODY, INERTIA, PlaneTruck, inputs, linear, magic, piecewise
+from plane_truck import BODY, INERTIA, PlaneTruck, brush, inputs, linear, magic, piecewise
 from scipy.stats import norm
 from tyre_coverage import data_of
 
@@ -37,6 +37,7 @@ TRUCKS = {
     "linear": PlaneTruck(linear(C_F), linear(C_R)),
     "piecewise_linear": PlaneTruck(piecewise(C_F, 0.055), piecewise(C_R, 0.05)),
     "magic_formula": PlaneTruck(magic(C_F, 36e3, 1.4, -0.8), magic(C_R, 40e3, 1.35, -0.5)),
+    "brush": PlaneTruck(brush(C_F, 44e3), brush(C_R, 50e3)),
 }
 
 
@@ -186,6 +187,16 @@ def test_peak_and_shape_are_identified_where_the_peak_was_driven_alone():
     for name in ("shape", "stiffness_factor"):
         assert gentle[name].status == "not_identifiable"
     assert gentle["peak_force"].status != "identified"
+
+
+def test_a_peak_far_beyond_what_was_driven_is_weak_however_narrow_its_interval():
+    """A brush has no free shape: its peak comes out narrow, and rests on the brush being right."""
+    gentle = told(found("brush", 0.05)).front
+    peak = gentle["peak_force"]
+    assert peak.std < 0.1 * peak.value
+    assert peak.status == "weak"
+    assert "rests on the shape of the curve beyond what was driven" in peak.reason
+    assert gentle["cornering_stiffness"].status == "identified"
 
 
 def test_a_yaw_inertia_that_was_stated_and_is_not_driven_is_not_claimed_from_the_data():

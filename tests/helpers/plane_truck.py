@@ -52,6 +52,14 @@ def magic(stiffness: float, peak: float, shape: float, curvature: float) -> Forc
     return force
 
 
+def brush(stiffness: float, peak: float) -> Force:
+    def force(slip: float) -> float:
+        left = max(0.0, 1.0 - stiffness * abs(math.tan(slip)) / (3.0 * peak))
+        return math.copysign(peak * (1.0 - left**3), slip)
+
+    return force
+
+
 @dataclass(frozen=True, eq=False)
 class PlaneTruck:
     """What the truck is; ``bank``: sine of the bank where the heading is 0 and where it is 90 degrees."""

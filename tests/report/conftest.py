@@ -199,32 +199,16 @@ def steering_model(scale=1.0, seed=None):
     )
 
 
-def run_health(name, duration, *, gaps=(), damage=()):
-    topic = TopicHealth(
-        "/vehicle/steering_wheel",
-        "truck_msgs/msg/SteeringWheelAngle",
-        9000,
-        100.0,
-        0.04,
-        list(gaps),
-        50 if gaps else 0,
-        "header",
-        0,
-        1,
-        0.0041,
-        0.0093,
-    )
+def topics_health(gaps):
+    wheel = "/vehicle/steering_wheel", "truck_msgs/msg/SteeringWheelAngle"
+    lost = 50 if gaps else 0
+    topic = TopicHealth(*wheel, 9000, 100.0, 0.04, list(gaps), lost, "header", 0, 1, 0.0041, 0.0093)
     odd = TopicHealth(f"/odd/{HOSTILE_IMG}", "std_msgs/msg/Float64", 2, None, None, [], None, "log")
-    request = TopicHealth(
-        "/control/steering_wheel_request",
-        "truck_msgs/msg/SteeringWheelRequest",
-        4500,
-        50.0,
-        0.02,
-        [],
-        0,
-        "header",
-    )
+    sent = "/control/steering_wheel_request", "truck_msgs/msg/SteeringWheelRequest"
+    return [TopicHealth(*sent, 4500, 50.0, 0.02, [], 0, "header"), topic, odd]
+
+
+def run_health(name, duration, *, gaps=(), damage=()):
     return RunHealth(
         name=name,
         format="rosbag2 mcap",
@@ -232,7 +216,7 @@ def run_health(name, duration, *, gaps=(), damage=()):
         duration=duration,
         channels="channels.yaml",
         vehicle="vehicle.yaml",
-        topics=[request, topic, odd],
+        topics=topics_health(gaps),
         signals={
             "steering_wheel_request": SignalHealth(
                 "steering_wheel_request",
@@ -309,6 +293,31 @@ def run_fits(steering):
     return fits
 
 
+def step_fits():
+    return [
+        StepFit(
+            "first_order_63",
+            0.9849,
+            0.168,
+            0.287,
+            None,
+            0.0171,
+            7,
+            {"gain": 0.0011, "dead_time": 0.006, "time_constant_1": 0.009},
+        ),
+        StepFit(
+            "modified_harriott",
+            0.9849,
+            0.131,
+            0.247,
+            0.071,
+            0.0042,
+            6,
+            {"gain": 0.0011, "dead_time": 0.009, "time_constant_1": 0.006, "time_constant_2": 0.011},
+        ),
+    ]
+
+
 def build_result(tables, experiments):
     used = tables["steering"][tables["steering"]["used"]]
     runs = list(dict.fromkeys(tables["steering"]["run"]))
@@ -336,28 +345,7 @@ def build_result(tables, experiments):
         vaf=float(1 - used["residual"].var() / used["measured"].var()),
         samples=len(used),
         noise=Noise("ar", 0.0013, float(used["residual"].std()), [0.52, 0.06], None, float(QUANTUM)),
-        step_methods=[
-            StepFit(
-                "first_order_63",
-                0.9849,
-                0.168,
-                0.287,
-                None,
-                0.0171,
-                7,
-                {"gain": 0.0011, "dead_time": 0.006, "time_constant_1": 0.009},
-            ),
-            StepFit(
-                "modified_harriott",
-                0.9849,
-                0.131,
-                0.247,
-                0.071,
-                0.0042,
-                6,
-                {"gain": 0.0011, "dead_time": 0.009, "time_constant_1": 0.006, "time_constant_2": 0.011},
-            ),
-        ],
+        step_methods=step_fits(),
         by_run=run_fits(tables["steering"]),
         experiments=experiments,
         runs=health,

@@ -174,3 +174,19 @@ def test_a_warning_that_is_a_check_is_told_once_and_nothing_reaches_the_terminal
     assert text.count("off by 2 m") == 1
     assert not {"\x1b", "\x9b"} & set(text)
     assert "  chosen: none" in text
+
+
+def test_the_columns_are_those_of_the_signals_that_were_compared(evaluate_case):
+    def without(errors):
+        return {name: one for name, one in errors.items() if name in ("heading", "lateral_velocity")}
+
+    models = [
+        replace(one, rms=without(one.rms), windows={k: without(v) for k, v in one.windows.items()})
+        for one in evaluate_case[0].models
+    ]
+    text = describe_evaluate(replace(evaluate_case[0], models=models))
+    head = next(line for line in text.splitlines() if line.strip().startswith("model "))
+    assert "heading [mrad]" in head
+    assert "lateral velocity [m/s]" in head
+    assert "yaw rate" not in head
+    assert "position" not in head

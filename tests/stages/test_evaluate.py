@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from ident.errors import BadRecipe, NotIdentifiable
+from ident.model_file import model_from, model_text
+from ident.pipeline.files import plain
+from ident.report.summary import describe_evaluate
 from ident.results import AccelerationBand, Error, EvaluateResult, SteeringResult, TyresResult
 from ident.stages.evaluate import choose, evaluate
 from ident.stages.evaluate_errors import valid_to
@@ -27,9 +30,14 @@ MODELS = ("kinematic", "linear", "magic_formula")
 
 
 @pytest.fixture(scope="module")
-def fitted() -> TyresResult:
+def identified() -> StageOutput[TyresResult]:
     settings = TyresSettings(kinds=["linear", "magic_formula"], runs=["manual_a"])
-    return tyres([SAMPLES / "manual_a"], INPUTS, settings, CONTEXT).result
+    return tyres([SAMPLES / "manual_a"], INPUTS, settings, CONTEXT)
+
+
+@pytest.fixture(scope="module")
+def fitted(identified: StageOutput[TyresResult]) -> TyresResult:
+    return identified.result
 
 
 @pytest.fixture(scope="module")
@@ -132,10 +140,60 @@ def test_where_every_run_was_fitted_nothing_is_evaluated(fitted: TyresResult) ->
         evaluate([SAMPLES / "manual_a"], inputs, settings(), CONTEXT, tyres=fitted)
 
 
-def test_a_model_is_compared_with_that_of_another_file(fitted: TyresResult, tmp_path: Path) -> None:
+def test_a_model_is_compared_with_that_of_another_file(
+    identified: StageOutput[TyresResult], tmp_path: Path
+) -> None:
+    model = model_from(plain(identified.model), "test")
+    tyre = model.tyres
+    assert tyre is not None
+    softer = {**tyre.rear, "cornering_stiffness": replace(tyre.rear["cornering_stiffness"], value=3e5)}
+    other = replace(model, tyres=replace(tyre, rear=softer))
+    for name, one, better in (("same", model, False), ("other", other, True)):
+        path = tmp_path / f"{name}.yaml"
+        path.write_text(model_text(one), encoding="utf-8")
+        said = settings(against=path)
+        result = evaluate(LOGS, INPUTS, said, CONTEXT, tyres=identified.result).result
+        pairs = [pair for pair in result.comparisons if str(path) in (pair.better, pair.worse)]
+        yaw_rate = next(pair for pair in pairs if pair.signal == "yaw_rate")
+        assert (yaw_rate.p_value < 0.01) is better
+        assert (yaw_rate.ratio.value < 0.5) is better
+        if better:
+            assert (yaw_rate.better, yaw_rate.worse) == (identified.result.chosen, str(path))
+            assert f"times the error of {path}" in describe_evaluate(result)
+        else:
+            assert yaw_rate.ratio.value == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_file_without_tyres_is_no_model_to_compare_with(fitted: TyresResult, tmp_path: Path) -> None:
     (tmp_path / "old.yaml").write_text("schema: ident.model/1\n", encoding="utf-8")
     with pytest.raises(BadRecipe, match="holds no tyres"):
         evaluate(LOGS, INPUTS, settings(against=tmp_path / "old.yaml"), CONTEXT, tyres=fitted)
+
+
+def test_a_stretch_shorter_than_the_judged_window_is_refused(fitted: TyresResult) -> None:
+    split = SplitSettings(blocks={"manual_c": ("10 s", "11.5 s")})
+    inputs = INPUTS.model_copy(update={"split": split})
+    with pytest.raises(
+        NotIdentifiable, match=r"the longest stretch that is held out has 1\.5 s, need more than 2 s"
+    ):
+        evaluate([SAMPLES / "manual_c"], inputs, settings(), CONTEXT, tyres=fitted)
+
+
+def test_an_underdamped_actuator_drives_too(fitted: TyresResult, actuator: SteeringResult) -> None:
+    """It has no real time constants: natural frequency and damping stand for the lags."""
+    unknown = replace(actuator.model.time_constant_1, value=None)
+    model = replace(actuator.model, time_constant_1=unknown, time_constant_2=unknown)
+    results = [
+        evaluate(
+            LOGS, INPUTS, settings(), CONTEXT, tyres=fitted, steering=replace(actuator, model=one)
+        ).result
+        for one in (actuator.model, model)
+    ]
+    known, same = (
+        model_of.rms["road_wheel_angle"].value
+        for model_of in (next(one for one in result.models if one.input == "request") for result in results)
+    )
+    assert same == pytest.approx(known, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -160,4 +218,6 @@ def test_a_model_is_valid_up_to_the_first_band_that_is_not_acceptable() -> None:
     bands = [band(0, 1, 0.001), band(1, 2, 0.005), band(2, 3, 0.02), band(3, 4, 0.001)]
     assert valid_to(bands, {"yaw_rate": 0.01}) == 2
     assert valid_to(bands, {"yaw_rate": 0.0005}) is None
-    assert valid_to([*bands[:2], band(4, None, 0.001)], {"yaw_rate": 0.01}) == 4
+    assert valid_to([*bands[:2], band(4, None, 0.001)], {"yaw_rate": 0.01}) == 2  # 2 to 4 was not driven
+    assert valid_to([band(1, 2, 0.001)], {"yaw_rate": 0.01}) is None
+    assert valid_to([band(0, 1, 0.001), band(1, None, 0.001)], {"yaw_rate": 0.01}) == 1

@@ -9,10 +9,9 @@ import numpy as np
 
 from ident.report import bode, figures
 from ident.report.bode import Bode, Marks
+from ident.report.estimates import estimate_cells
 from ident.report.numbers import (
     NONE,
-    estimate_interval,
-    estimate_value,
     fixed,
     percent,
     significant,
@@ -20,14 +19,12 @@ from ident.report.numbers import (
 )
 from ident.report.page import Block, Cell, Column, Figure, Table, Text, Tone
 from ident.report.palette import LIGHT
-from ident.report.steering_parameters import STATUS
 from ident.results import Bandwidth, Cutoff, Estimate, FrequencyPoint, SteeringResult
 
 FREQUENCY = "frequency [rad/s]"
 NAMES = {"sine": "sine", "h1": "spectrum (H1)"}
 ROLES = {"sine": "measured", "h1": "residual"}
 SYMBOLS = {"sine": "circle", "h1": "diamond-open"}
-TONES: dict[str, Tone] = {"identified": "good", "weak": "caution", "not_identifiable": "bad"}
 TICKS = [base * 10.0**power for power in range(-3, 4) for base in (1, 2, 5)]
 MOST_ROWS = 14
 
@@ -78,13 +75,7 @@ def bandwidth_table(bandwidth: Bandwidth) -> Table:
 
 
 def _estimate_row(name: str, one: Estimate) -> list[Cell]:
-    return [
-        Cell(name, detail=one.reason),
-        Cell(estimate_value(one), raw=one.value),
-        Cell(estimate_interval(one)),
-        Cell(unit_text(one.unit)),
-        Cell(STATUS[one.status], tone=TONES[one.status], badge=True),
-    ]
+    return [Cell(name, detail=one.reason), *estimate_cells(one)]
 
 
 def _cutoff_row(cutoff: Cutoff | None) -> list[Cell]:

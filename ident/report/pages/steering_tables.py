@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
+from ident.report.estimates import TONES, agreement_cell, estimate_cells, parameter_columns
 from ident.report.numbers import (
     NONE,
     angle,
@@ -13,12 +14,10 @@ from ident.report.numbers import (
     estimate_interval,
     estimate_value,
     fixed,
-    p_value,
     percent,
     significant,
-    unit_text,
 )
-from ident.report.page import Cell, Column, Facts, Table, Tone
+from ident.report.page import Cell, Column, Facts, Table
 from ident.report.pages import health
 from ident.report.steering_parameters import (
     CLASSES,
@@ -27,32 +26,21 @@ from ident.report.steering_parameters import (
     PARAMETERS,
     SHORT_METHODS,
     SIGNALS_OF_PAIR,
-    STATUS,
     of_model,
 )
-from ident.results import Estimate, Experiment, Noise, RunFit, Status, SteeringResult, StepFit
+from ident.results import Estimate, Experiment, Noise, RunFit, SteeringResult, StepFit
 
-TONES: dict[Status, Tone] = {"identified": "good", "weak": "caution", "not_identifiable": "bad"}
 MANY_METHODS = 4  # with one reason: called the step methods
-AGREE_FROM = 0.05
-"""p-value from which the runs are said to agree."""
 
 
 def parameters(result: SteeringResult) -> Table:
     """Give the identified parameters with their intervals: the answer itself."""
-    columns = [
-        Column(""),
-        Column("parameter"),
-        Column("value", "number"),
-        Column("95 % interval", "number"),
-        Column("unit"),
-        Column("status"),
-    ]
+    columns = parameter_columns()
     rows = []
     reasons: dict[str, list[str]] = {}
     for parameter in PARAMETERS:
         estimate = of_model(result.model, parameter)
-        rows.append([Cell(parameter.symbol), Cell(parameter.name), *_estimate_cells(estimate)])
+        rows.append([Cell(parameter.symbol), Cell(parameter.name), *estimate_cells(estimate)])
         if estimate.reason:
             reasons.setdefault(estimate.reason, []).append(parameter.symbol)
     notes = [f"{', '.join(symbols)}: {reason}." for reason, symbols in reasons.items()]
@@ -61,16 +49,6 @@ def parameters(result: SteeringResult) -> Table:
             "The intervals assume that the model explains the data; it does not, so they are too narrow."
         )
     return Table(columns, rows, notes=[runs_behind(result), *notes], download="parameters.csv")
-
-
-def _estimate_cells(estimate: Estimate) -> list[Cell]:
-    badge = Cell(STATUS[estimate.status], tone=TONES[estimate.status], badge=True)
-    return [
-        Cell(estimate_value(estimate), raw=estimate.value),
-        Cell(estimate_interval(estimate)),
-        Cell(unit_text(estimate.unit)),
-        badge,
-    ]
 
 
 def runs_behind(result: SteeringResult) -> str:
@@ -91,18 +69,10 @@ def key_figures(result: SteeringResult) -> Facts:
             ("variance accounted for", Cell(percent(result.vaf), raw=result.vaf)),
             ("RMS error", angle(result.rms_error)),
             ("measurement noise", Cell(angle(result.noise.total_std), detail=noise_text(result.noise))),
-            ("one model for all runs", _agreement(result.agreement_p)),
+            ("one model for all runs", agreement_cell(result.agreement_p)),
             ("logs", health.brief(result.runs)),
         ]
     )
-
-
-def _agreement(p: float | None) -> Cell:
-    if p is None:
-        return Cell("not tested: it takes two runs with a fit of their own", tone="muted")
-    if p < AGREE_FROM:
-        return Cell(f"rejected at 5 % ({p_value(p)})", raw=p, tone="caution")
-    return Cell(f"not rejected at 5 % ({p_value(p)})", raw=p, tone="good")
 
 
 def noise_text(noise: Noise) -> str:

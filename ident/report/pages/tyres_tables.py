@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ident.report.estimates import agreement_cell, estimate_cells, parameter_columns
 from ident.report.numbers import (
     NONE,
     angle,
@@ -24,7 +25,6 @@ from ident.report.tyre_parameters import (
     FORMULAS,
     KINDS,
     PARAMETERS,
-    STATUS,
     chosen_fit,
     displayed,
     estimates,
@@ -41,15 +41,11 @@ from ident.results import (
     FixedValue,
     ForceComparison,
     ResidualNoise,
-    Status,
     TyreFit,
     TyreRun,
     TyresResult,
 )
 
-TONES: dict[Status, Tone] = {"identified": "good", "weak": "caution", "not_identifiable": "bad"}
-AGREE_FROM = 0.05
-"""p-value from which the runs are said to agree."""
 OFF = 3.0
 """How far off a fixed value is taken to be in the example [%]."""
 MATTERS = 0.05
@@ -58,16 +54,9 @@ MATTERS = 0.05
 
 def parameters(result: TyresResult) -> Table:
     """Give the parameters of the chosen fit and what follows from them: the answer itself."""
-    columns = [
-        Column(""),
-        Column("parameter"),
-        Column("value", "number"),
-        Column("95 % interval", "number"),
-        Column("unit"),
-        Column("status"),
-    ]
+    columns = parameter_columns()
     rows = [
-        [Cell(parameter(name).symbol), Cell(full_name(name)), *_estimate_cells(estimate)]
+        [Cell(parameter(name).symbol), Cell(full_name(name)), *estimate_cells(estimate, displayed(estimate))]
         for name, estimate in _answers(result).items()
     ]
     return Table(columns, rows, notes=[runs_behind(result)], download="tyre_parameters.csv")
@@ -93,16 +82,6 @@ def open_questions(result: TyresResult) -> list[Block]:
     return [Details(f"Why {open_ones} not known better, and what to drive", [lines])]
 
 
-def _estimate_cells(estimate: Estimate) -> list[Cell]:
-    shown = displayed(estimate)
-    return [
-        Cell(estimate_value(shown), raw=shown.value),
-        Cell(estimate_interval(shown)),
-        Cell(unit_text(shown.unit)),
-        Cell(STATUS[estimate.status], tone=TONES[estimate.status], badge=True),
-    ]
-
-
 def runs_behind(result: TyresResult) -> str:
     """Say in one line what the parameters come from."""
     used = [run for run in result.by_run if run.used]
@@ -122,7 +101,7 @@ def key_figures(result: TyresResult) -> Facts:
             *[(f"slip excited, {axle}", _slip_range(result.excited.get(axle))) for axle in AXLES],
             ("speed", _range(result.speed, "m/s")),
             ("lateral acceleration", _range(result.lateral_acceleration, "m/s²")),
-            ("one model for all runs", _agreement(result.agreement_p)),
+            ("one model for all runs", agreement_cell(result.agreement_p)),
             *([("mass, taken as given", _stated(mass))] if mass else []),
             ("logs", health.brief(result.runs)),
         ]
@@ -137,14 +116,6 @@ def _slip_range(ends: Sequence[float] | None) -> Cell:
 
 def _range(ends: Sequence[float], unit: str) -> Cell:
     return Cell(f"{significant(ends[0])} … {with_unit(ends[1], unit)}") if len(ends) == 2 else Cell(NONE)
-
-
-def _agreement(p: float | None) -> Cell:
-    if p is None:
-        return Cell("not tested: it takes two runs with a fit of their own", tone="muted")
-    if p < AGREE_FROM:
-        return Cell(f"rejected at 5 % ({p_value(p)})", raw=p, tone="caution")
-    return Cell(f"not rejected at 5 % ({p_value(p)})", raw=p, tone="good")
 
 
 def _stated(given: FixedValue) -> Cell:
@@ -210,7 +181,7 @@ def kind_parameters(fit: TyreFit) -> Table:
         Column("why", wrap=True),
     ]
     rows = [
-        [Cell(full_name(name)), *_estimate_cells(estimate), Cell(estimate.reason or "")]
+        [Cell(full_name(name)), *estimate_cells(estimate, displayed(estimate)), Cell(estimate.reason or "")]
         for name, estimate in estimates(fit).items()
     ]
     return Table(columns, rows, notes=[FORMULAS[fit.kind]], download=f"{fit.kind}.csv")
@@ -347,7 +318,7 @@ def nuisance(effects: Sequence[EffectEstimate]) -> Block:
             Cell((effect.of or NONE).replace("_", " ")),
             Cell(effect.run or "all"),
             Cell(name.replace("_", " ")),
-            *_estimate_cells(estimate)[:3],
+            *estimate_cells(estimate, displayed(estimate))[:3],
             _needed(effect),
         ]
         for effect in effects
