@@ -1,0 +1,207 @@
+"""What the loop needs of a part of the truck: fits with effects, and scores of those that are not in it.
+
+The truck falls into two layers, because the steering angle between them is measured: the actuator (request to
+angle) and the motion (angle and speed to yaw rate, acceleration, velocity, pose). Each is fitted by itself;
+what is tested is tested over both.
+
+A *direction* is what a candidate would add to the modelled signals, at first order in its size, whitened by
+the noise of each signal and freed of all that the fitted parameters can take up. A candidate has one or more
+*shapes*, each of one or several directions: a play has one shape for each width that is tried, a bias of each
+run has one shape of as many directions as there are runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.results import EffectEstimate, Refusal
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+BIN = 0.25  # [s] of what scores are gathered in
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One form of a candidate.
+
+    columns : of the scores
+    at : parameters of the effect that this form holds, such as {"width": 0.003}; a full fit starts there
+    size : size of the effect that one unit of its (first) column stands for
+    """
+
+    columns: tuple[int, ...]
+    at: Mapping[str, float] = field(default_factory=dict)
+    size: float = 1.0
+
+
+@dataclass(frozen=True)
+class Group:
+    """One candidate of the screen.
+
+    key : "sensor_bias yaw_rate" of an effect, "yaw_moment: step" of the generic basis
+    effect : name in the catalogue, None for a direction of the generic basis
+    """
+
+    key: str
+    shapes: tuple[Shape, ...]
+    effect: str | None = None
+
+
+@dataclass(frozen=True)
+class LayerScores:
+    """Scores of all candidates at a fit, gathered in bins of about ``BIN`` seconds within windows.
+
+    run, time : (b,) run of each bin and its middle [s since the start of the run], in the order of driving
+    scores : (b, c) sum over a bin of direction times whitened residual
+    gram : (c, c) inner products of the directions over all bins
+    power, count : (b, s) sum of squared whitened residuals and number of samples of each signal
+    activity : (b, a) how much is going on in each bin: mean squares of what excites the layer
+    signals, activities : names of those columns
+    groups : the candidates
+    """
+
+    layer: str
+    run: Index
+    time: Array
+    scores: Array
+    gram: Array
+    power: Array
+    count: Array
+    activity: Array
+    signals: tuple[str, ...]
+    activities: tuple[str, ...]
+    groups: tuple[Group, ...]
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """2 log likelihood of a fit bin by bin, under a noise that is the same for all fits that are compared.
+
+    run, time, values : (b,)
+    """
+
+    run: Index
+    time: Array
+    values: Array
+
+
+class LayerFit(Protocol):
+    """A layer fitted with some effects.
+
+    keys : of the effects that are in it
+    freedom : number of parameters that these effects add
+    """
+
+    keys: tuple[str, ...]
+    freedom: int
+
+    def scores(self) -> LayerScores:
+        """Scores of every candidate that is not in the fit, and of the generic basis."""
+        ...
+
+    def likelihood(self, like: LayerFit | None = None) -> Likelihood:
+        """By the noise of this fit, or of another one of the same layer."""
+        ...
+
+    def estimates(self) -> dict[str, EffectEstimate]:
+        """The effects with their parameters, by key."""
+        ...
+
+    def sizes_by_run(self, key: str) -> tuple[Array, Array]:
+        """(r,) size of an effect by each run alone, (r,) its standard error; infinite where a run is mute."""
+        ...
+
+    def noise(self) -> dict[str, float]:
+        """Standard deviation of the noise of each compared signal."""
+        ...
+
+    def rms(self) -> dict[str, float]:
+        """Root mean square of measured minus modelled, of the runs of the fit."""
+        ...
+
+    def is_allowed(self) -> dict[str, str]:
+        """Key -> why the estimate of this effect is physically impossible; empty where all are possible."""
+        ...
+
+
+class Layer(Protocol):
+    """One part of the truck with its data.
+
+    name : "actuator" or "motion"
+    runs : names of its runs
+    not_testable : effects that its data cannot test, with the reason
+    """
+
+    name: str
+    runs: list[str]
+    not_testable: list[Refusal]
+
+    def fitted(
+        self,
+        keys: Sequence[str] = (),
+        *,
+        start: LayerFit | None = None,
+        shapes: Mapping[str, Sequence[Mapping[str, float]]] | None = None,
+    ) -> LayerFit:
+        """Fit the base model with these effects, all parameters free.
+
+        start : a fit to begin from; shapes : key -> values of its parameters to begin from, several starts
+        """
+        ...
+
+    def without(self, runs: Sequence[str]) -> Layer:
+        """The layer without some runs."""
+        ...
+
+    def held_out(self, fit: LayerFit, runs: Sequence[str]) -> HeldOut:
+        """Errors of a fit in runs that may have taken no part in it; only initial states are estimated."""
+        ...
+
+    def effect(self, key: str) -> EffectCard:
+        """What is said of an effect to a reader."""
+        ...
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Errors of a fitted model on some runs.
+
+    errors : signal -> (n,) measured minus modelled; run, time : signal -> (n,) index of the run, [s]
+    modelled : signal -> (n,)
+    likelihood : by the noise of the fit
+    """
+
+    errors: dict[str, Array]
+    modelled: dict[str, Array]
+    run: dict[str, Index]
+    time: dict[str, Array]
+    likelihood: Likelihood
+
+
+@dataclass(frozen=True)
+class EffectCard:
+    """What the catalogue says of an effect.
+
+    name, enters : as in the catalogue; of : signal that it acts on
+    size : its first parameter; unit, typical : of the size
+    equation : SymPy expression or equation of the changed term
+    meaning : in words, one sentence
+    shown_by : the run that shows it, in words
+    """
+
+    name: str
+    enters: str
+    of: str | None
+    size: str
+    unit: str
+    typical: float
+    equation: object
+    meaning: str
+    shown_by: str
