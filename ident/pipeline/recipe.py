@@ -15,6 +15,7 @@ from ident.errors import UsageError
 from ident.model_file import read_model
 from ident.pipeline.options import RunOptions
 from ident.stages.evaluate_settings import EvaluateSettings
+from ident.stages.improve_settings import ImproveSettings
 from ident.stages.inputs import InputSettings
 from ident.stages.steering import SteeringSettings
 from ident.stages.tyre_settings import TyresSettings
@@ -27,6 +28,7 @@ class Recipe(InputSettings):
     steering: SteeringSettings = Field(default_factory=SteeringSettings)
     tyres: TyresSettings = Field(default_factory=TyresSettings)
     evaluate: EvaluateSettings = Field(default_factory=EvaluateSettings)
+    improve: ImproveSettings = Field(default_factory=ImproveSettings)
 
     def inputs(self) -> InputSettings:
         """Give what every stage needs to read the logs."""

@@ -19,7 +19,14 @@ from ident.pipeline.files import atomic, plain, remove_left_behind
 from ident.pipeline.lock import KEPT
 from ident.pipeline.model import composed
 from ident.pipeline.seal import MadeFrom, Seals
-from ident.results import SCHEMA_VERSION, EvaluateResult, InfoResult, SteeringResult, TyresResult
+from ident.results import (
+    SCHEMA_VERSION,
+    EvaluateResult,
+    ImproveResult,
+    InfoResult,
+    SteeringResult,
+    TyresResult,
+)
 from ident.stages.output import StageOutput
 
 if TYPE_CHECKING:
@@ -30,6 +37,7 @@ RESULTS: dict[str, type[Any]] = {
     "steering": SteeringResult,
     "tyres": TyresResult,
     "evaluate": EvaluateResult,
+    "improve": ImproveResult,
 }
 
 _TABLE_NAME = re.compile(r"[a-z][a-z0-9_]*")

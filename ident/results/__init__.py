@@ -41,6 +41,7 @@ from ident.results.improve import (
     LayerName,
     Localisation,
     NextExperiment,
+    Regressor,
     SensorCheck,
     Verdict,
 )
@@ -129,6 +130,7 @@ __all__ = [
     "Pair",
     "Provenance",
     "Refusal",
+    "Regressor",
     "Requirement",
     "ResidualNoise",
     "RunError",

@@ -114,7 +114,7 @@ class FoundEffect:
     name : of the catalogue; of : the signal that it acts on, where it acts on one
     members : its class, itself first: effects that these data cannot tell apart
     equation : in MathML; meaning : of the equation and its size, in words
-    active : what it explains is largest there, as the name of a column of the table "improve"
+    meanings : parameter -> what it is, in words
     same_in_runs_p : p-value of the hypothesis that its size is the same in all runs that tell it
     share : of the noise-corrected error that it takes away, signal by signal
     """
@@ -130,6 +130,7 @@ class FoundEffect:
     of: str | None = None
     same_in_runs_p: float | None = None
     share: dict[str, float] = field(default_factory=dict)
+    meanings: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -203,6 +204,18 @@ class ErrorComparison:
 
 
 @dataclass(frozen=True)
+class Regressor:
+    """The variable on which what the base model leaves hangs: column "regressor" of the table "improve".
+
+    name : in words, such as "rate of the lateral force"; signal : whose residual it explains best
+    """
+
+    name: str
+    unit: str
+    signal: str
+
+
+@dataclass(frozen=True)
 class NextExperiment:
     """The run to drive next: what it would separate or show, and why it would."""
 
@@ -221,6 +234,7 @@ class ImproveResult:
     minimum_detectable : key -> size, of every candidate that is not in the model
     not_testable : effects of the catalogue that cannot be tested on these data, or are not built yet
     base : what the loop began with, in words; layers : which parts of the truck were looked at
+    regressor : what explains the residual of the base model, None where nothing was added
     """
 
     schema_version: str
@@ -242,3 +256,4 @@ class ImproveResult:
     runs: list[RunHealth]
     refused: list[Refusal]
     warnings: list[str]
+    regressor: Regressor | None = None
