@@ -28,7 +28,8 @@ from ident.dynamics.engine import compiled
 from ident.dynamics.tyres import TYRES
 from ident.estimation.noise import NoiseModel
 from ident.estimation.vehicle_fit import VehicleFit, fit_vehicle, inflation
-from ident.estimation.vehicle_problem import Coordinate, RunTerm, VehiclePoint, VehicleProblem
+from ident.estimation.vehicle_point import VehiclePoint
+from ident.estimation.vehicle_problem import Coordinate, RunTerm, VehicleProblem
 from ident.estimation.vehicle_records import MotionRecord, Windows, cut
 from ident.results import TyreKind
 
@@ -309,7 +310,7 @@ def _p_of(found: KindFit, extra: Sequence[RunTerm], no_more_fixed: Mapping[str, 
     plain = found.problem
     fixed = {name: value for name, value in plain.fixed.items() if name not in no_more_fixed}
     terms = [*plain.run_terms, *extra]
-    wider = VehicleProblem(plain.engine, Windows(plain.windows.records), plain.coordinates, fixed, terms)
+    wider = plain.with_changed(fixed=fixed, run_terms=terms)
     of_runs = np.pad(found.fit.point.of_runs, ((0, 0), (0, len(extra))))
     point = replace(found.fit.point, problem=wider, of_runs=of_runs)
     gained = _left(found.fit.point) - _left(point)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.estimation.elimination import eliminate
-from ident.estimation.vehicle_problem import VehiclePoint
+from ident.estimation.vehicle_point import VehiclePoint
 
 Array = NDArray[np.float64]
 

@@ -29,14 +29,13 @@ from ident.estimation.gauss_newton import minimise
 from ident.estimation.noise import AutoRegression, Linearised, NoiseModel, correlation_length
 from ident.estimation.noise_fit import fit_autoregression
 from ident.estimation.vehicle_covariance import sandwich, told_directions, widened
+from ident.estimation.vehicle_point import VehiclePoint, white_noise
 from ident.estimation.vehicle_problem import (
     ALONG,
     STEERING_RATIO,
     Coordinate,
     Residuals,
-    VehiclePoint,
     VehicleProblem,
-    white_noise,
 )
 
 Array = NDArray[np.float64]
@@ -363,12 +362,9 @@ def to_fixed(problem: VehicleProblem, fit: VehicleFit, others: Sequence[str]) ->
         return np.zeros((fit.shared.size, 0))
     extra = [Coordinate(name, logarithmic=False) for name in others]
     given = problem.fixed | {STEERING_RATIO: 1.0}
-    wider = VehicleProblem(
-        problem.engine,
-        problem.windows,
-        [*problem.coordinates, *extra],
-        {name: value for name, value in problem.fixed.items() if name not in others},
-        problem.run_terms,
+    wider = problem.with_changed(
+        coordinates=[*problem.coordinates, *extra],
+        fixed={name: value for name, value in problem.fixed.items() if name not in others},
     )
     values = np.array([given[name] for name in others])
     point = replace(fit.point, problem=wider, shared=np.concatenate([fit.shared, values]))

@@ -14,17 +14,16 @@ and turned as a whole (:mod:`ident.estimation.path_parts`).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ident.dynamics.engine import Engine
 from ident.errors import NotIdentifiable
-from ident.estimation.elimination import Eliminated, eliminate, stacked, triangle_of, with_priors
-from ident.estimation.noise import AutoRegression, Linearised, NoiseModel
 from ident.estimation.path_parts import direction_of_travel, moved_and_turned
+from ident.estimation.vehicle_inputs import InputBlock, through_blocks
 from ident.estimation.vehicle_records import SignalSamples, Windows
 
 Array = NDArray[np.float64]
@@ -82,6 +81,38 @@ class RunTerm:
 
 
 @dataclass(frozen=True)
+class Around:
+    """What stands around the model: blocks before it, sensors that read late behind it.
+
+    blocks : before the model, in order, each with a coordinate of its name
+    late : measured signal -> name of the coordinate that holds its delay [s]
+    """
+
+    blocks: tuple[InputBlock, ...] = ()
+    late: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Coordinates that the model itself does not know."""
+        return tuple(dict.fromkeys([*(block.name for block in self.blocks), *self.late.values()]))
+
+
+NOTHING_AROUND = Around()
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A small disturbance, to see what it does to the measured signals at first order.
+
+    inputs : input of the model -> (N,) what is added on the grid of all windows
+    signals : measured signal -> (n,) what is added at its samples
+    """
+
+    inputs: Mapping[str, Array] = field(default_factory=dict)
+    signals: Mapping[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Residuals:
     """One compared signal in all windows: (n, local + biases + shared + 1) derivatives and residual."""
 
@@ -104,6 +135,7 @@ class VehicleProblem:
         coordinates: Sequence[Coordinate],
         fixed: Mapping[str, float],
         run_terms: Sequence[RunTerm],
+        around: Around = NOTHING_AROUND,
     ) -> None:
         """Take the parts.
 
@@ -119,6 +151,7 @@ class VehicleProblem:
         self.windows = windows
         self.coordinates = list(coordinates)
         self.fixed = dict(fixed)
+        self.around = around
         self.states = len(engine.states)
         self.signals = [name for name, s in windows.signals.items() if s.beyond(self.states) >= FEWEST]
         if not self.signals:
@@ -202,7 +235,7 @@ class VehicleProblem:
             "position_x": x,
             "position_y": y,
         }
-        return np.array([state[name] for name in self.engine.states])
+        return np.array([state.get(name, 0.0) for name in self.engine.states])
 
     def _direction_at(self, number: int) -> float:
         if ACROSS not in self.compared:
@@ -252,47 +285,103 @@ class VehicleProblem:
         """States (N, x) and outputs (N, y) on the grid of all windows."""
         w = self.windows
         states = np.ascontiguousarray(local[:, : self.states])
-        return self.engine.simulate(states, w.inputs, w.steps, w.offsets, self.parameters(shared, of_runs))
+        inputs, _ = self.driven(shared)
+        return self.engine.simulate(states, inputs, w.steps, w.offsets, self.parameters(shared, of_runs))
 
     def residuals(self, shared: Array, of_runs: Array, local: Array) -> dict[str, Residuals]:
         """Residuals and derivatives of every compared signal."""
         w = self.windows
         states = np.ascontiguousarray(local[:, : self.states])
+        inputs, chain = self.driven(shared)
         _, outputs, derivatives = self.engine.sensitivities(
             states,
-            w.inputs,
+            inputs,
             w.steps,
             w.offsets,
             self.parameters(shared, of_runs),
             active=self.active,
-            input_derivatives=self._input_derivatives(),
+            input_derivatives=chain,
             wanted=self._wanted,
         )
-        slopes = np.array([one.slope(at) for one, at in zip(self.coordinates, shared, strict=True)])
-        made = {name: self._of_signal(name, outputs, derivatives, slopes, of_runs) for name in self._wanted}
+        made = {name: self._of_signal(name, outputs, derivatives, shared, of_runs) for name in self._wanted}
         if ACROSS in self.compared:
             made |= self._turned(made.pop("position_x"), made.pop("position_y"), local)
         return {name: made[name] for name in self.compared}
 
-    def _input_derivatives(self) -> Array | None:
-        """(N, u, active) derivative of the inputs, where any depends on a coordinate.
+    def probed(
+        self, shared: Array, of_runs: Array, local: Array, probes: Sequence[Probe]
+    ) -> dict[str, Array]:
+        """(n, p) what each disturbance does to every compared signal, at first order; at most UPSTREAM."""
+        w, names = self.windows, [f"probe {number}" for number in range(len(probes))]
+        inputs, _ = self.driven(shared)
+        chain = np.zeros((*inputs.shape, len(probes)))
+        for number, probe in enumerate(probes):
+            for name, values in probe.inputs.items():
+                chain[:, self.engine.inputs.index(name), number] = values
+        _, _, derivatives = self.engine.sensitivities(
+            np.ascontiguousarray(local[:, : self.states]),
+            inputs,
+            w.steps,
+            w.offsets,
+            self.parameters(shared, of_runs),
+            active=names,
+            input_derivatives=chain,
+            wanted=self._wanted,
+        )
+        made = {}
+        for row, name in enumerate(self._wanted):
+            at = self._placed(name, shared).at(derivatives[row][:, self.states :])
+            for number, probe in enumerate(probes):
+                at[:, number] += probe.signals.get(name, 0.0)
+            made[name] = at
+        if ACROSS in self.compared:
+            made |= self._along_and_across(made.pop("position_x"), made.pop("position_y"))
+        return {name: made[name] for name in self.compared}
 
-        Only the ratio stands before the model: the road-wheel angle falls with it, -angle/ratio.
+    def driven(self, shared: Array) -> tuple[Array, Array | None]:
+        """(N, u) inputs of the model, and (N, u, active) their derivatives where any coordinate moves them.
+
+        The road-wheel angle falls with the steering ratio, -angle/ratio; blocks stand behind that.
         """
+        inputs = np.zeros((len(self.windows.inputs), len(self.engine.inputs)))
+        inputs[:, :2] = self.windows.inputs
         names = [one.name for one in self.coordinates]
-        if STEERING_RATIO not in names:
-            return None
-        made = np.zeros((*self.windows.inputs.shape, len(self.active)))
-        made[:, 0, len(self._inner) + names.index(STEERING_RATIO)] = -self.windows.inputs[:, 0]
-        return made
+        upstream = {STEERING_RATIO, *self.around.names} & set(names)
+        if not (upstream or self.around.blocks):
+            return inputs, None
+        chain = np.zeros((*inputs.shape, len(self.active)))
+        if STEERING_RATIO in names:
+            chain[:, 0, len(self._inner) + names.index(STEERING_RATIO)] = -inputs[:, 0]
+        if self.around.blocks:
+            values = self.values(shared)
+            blocks = self.around.blocks
+            inputs[:, 0], chain[:, 0] = through_blocks(
+                blocks,
+                self.windows.stretches,
+                inputs[:, 0],
+                chain[:, 0],
+                [values[block.name] for block in blocks],
+                [len(self._inner) + names.index(block.name) for block in blocks],
+            )
+        return inputs, chain
+
+    def _placed(self, name: str, shared: Array) -> SignalSamples:
+        """The samples of a signal on the grid, of a late sensor where the vehicle was when it read."""
+        if name not in self.around.late:
+            return self.windows.signals[name]
+        return self.windows.later(name, self.values(shared)[self.around.late[name]])
 
     def _of_signal(
-        self, name: str, outputs: Array, derivatives: Array, slopes: Array, of_runs: Array
+        self, name: str, outputs: Array, derivatives: Array, shared: Array, of_runs: Array
     ) -> Residuals:
-        samples = self.windows.signals[name]
+        samples, placed = self.windows.signals[name], self._placed(name, shared)
         column = self.engine.outputs.index(name)
-        at = samples.at(np.column_stack([outputs[:, column], derivatives[self._wanted.index(name)]]))
+        grid = np.column_stack([outputs[:, column], derivatives[self._wanted.index(name)]])
+        at = placed.at(grid)
         model, by_state, by_parameter = at[:, 0], at[:, 1 : 1 + self.states], at[:, 1 + self.states :]
+        if name in self.around.late:
+            own_delay = self.active.index(self.around.late[name])
+            by_parameter[:, own_delay] -= placed.slopes(grid[:, :1])[:, 0]
         own = np.zeros((len(at), len(self.run_terms)))
         own[:, self._inner] = by_parameter[:, : len(self._inner)]
         for number, term in enumerate(self.run_terms):
@@ -301,14 +390,23 @@ class VehicleProblem:
                 own[:, number] = times
                 model = model + times * of_runs[self.windows.run[samples.window], number]
         anchors = np.zeros((len(at), self.anchors))
+        slopes = np.array([one.slope(at) for one, at in zip(self.coordinates, shared, strict=True)])
         by_shared = by_parameter[:, len(self._inner) :] * slopes
         return Residuals(
             samples, np.column_stack([by_state, anchors, own, by_shared, samples.values - model])
         )
 
-    def _turned(self, x: Residuals, y: Residuals, local: Array) -> dict[str, Residuals]:
+    def with_changed(self, **parts: Any) -> VehicleProblem:
+        """The same windows with other ``coordinates``, ``fixed``, ``run_terms`` or ``around``."""
+        kept = {name: getattr(self, name) for name in ("coordinates", "fixed", "run_terms", "around")}
+        return VehicleProblem(self.engine, self.windows, **(kept | parts))
+
+    def _along_and_across(self, x: Array, y: Array) -> dict[str, Array]:
         cosine, sine = np.cos(self._course)[:, None], np.sin(self._course)[:, None]
-        made = {ALONG: cosine * x.columns + sine * y.columns, ACROSS: cosine * y.columns - sine * x.columns}
+        return {ALONG: cosine * x + sine * y, ACROSS: cosine * y - sine * x}
+
+    def _turned(self, x: Residuals, y: Residuals, local: Array) -> dict[str, Residuals]:
+        made = self._along_and_across(x.columns, y.columns)
         moved = local[x.samples.window, self.states :]
         for name, columns in made.items():
             columns[:, self.states : self.local] = self._anchors[name]
@@ -325,125 +423,3 @@ def _too_few(windows: Windows, states: int) -> str:
         f"samples beyond the first {states} of each window: {counts or 'none'}; need {FEWEST} of a signal: "
         "record faster or drive longer"
     )
-
-
-@dataclass(frozen=True)
-class VehiclePoint:
-    """The problem at present parameters, weighed by the noise of each signal.
-
-    shared : (s,) coordinates; of_runs : (runs, b) terms of the runs
-    local : (w, local) initial states, then how later parts of the path are moved and turned
-    noise : of every compared signal
-    """
-
-    problem: VehicleProblem
-    shared: Array
-    of_runs: Array
-    local: Array
-    noise: Mapping[str, NoiseModel]
-    std: float = 1.0
-
-    @cached_property
-    def residuals(self) -> dict[str, Residuals]:
-        """Of every compared signal."""
-        with np.errstate(all="ignore"):  # a model that blows up is found by its value
-            return self.problem.residuals(self.shared, self.of_runs, self.local)
-
-    @cached_property
-    def white(self) -> dict[str, Array]:
-        """Columns and residual of every signal, whitened, in units of the innovations."""
-        with np.errstate(all="ignore"):
-            return {name: whitened(one, self.noise[name]) for name, one in self.residuals.items()}
-
-    @cached_property
-    def value(self) -> float:
-        """Whitened sum of squares and of the prior terms; infinite where the model has blown up."""
-        with np.errstate(all="ignore"):
-            total = sum(float(white[:, -1] @ white[:, -1]) for white in self.white.values())
-        total += float(np.square(self.of_runs / self.problem.std_by_run).sum())
-        total += float(np.square(self._from_prior / self.problem.prior_std).sum())
-        return total if np.isfinite(total) else np.inf
-
-    @property
-    def _from_prior(self) -> Array:
-        return self.problem.prior_mean - self.shared
-
-    @cached_property
-    def windows(self) -> list[Eliminated]:
-        """Each window, its initial state eliminated."""
-        parts = {name: one.samples.begins for name, one in self.residuals.items()}
-        made = []
-        for number in range(len(self.problem.windows.records)):
-            rows = [self.white[name][begins[number] : begins[number + 1]] for name, begins in parts.items()]
-            made.append(eliminate(triangle_of(np.vstack(rows)), self.problem.local))
-        return made
-
-    @cached_property
-    def by_run(self) -> list[Eliminated]:
-        """Each run, its terms eliminated."""
-        made = []
-        for run in range(self.problem.windows.runs):
-            own = [part for part, of in zip(self.windows, self.problem.windows.run, strict=True) if of == run]
-            rows = with_priors(stacked(own), self.problem.std_by_run[run], -self.of_runs[run])
-            made.append(eliminate(rows, len(self.problem.run_terms)))
-        return made
-
-    def triangle(self) -> Array:
-        """See :class:`~ident.estimation.gauss_newton.Point`."""
-        rows = with_priors(stacked(self.by_run), self.problem.prior_std, self._from_prior)
-        return triangle_of(rows)
-
-    def moved(self, step: Array) -> VehiclePoint:
-        """See :class:`~ident.estimation.gauss_newton.Point`."""
-        of_runs = np.array([run.step(step) for run in self.by_run]).reshape(self.of_runs.shape)
-        of_windows = [
-            window.step(np.concatenate([of_runs[run], step]))
-            for window, run in zip(self.windows, self.problem.windows.run, strict=True)
-        ]
-        return replace(
-            self,
-            shared=self.shared + step,
-            of_runs=self.of_runs + of_runs,
-            local=self.local + np.array(of_windows),
-        )
-
-    def inside(self, shared: Array) -> Array:
-        """See :class:`~ident.estimation.gauss_newton.Point`."""
-        return self.problem.inside(shared)
-
-    def linearised(self, name: str) -> list[Linearised]:
-        """One signal window by window, for the identification of its noise."""
-        one = self.residuals[name]
-        own = self.problem.local + len(self.problem.run_terms)
-        samples, made = one.samples, []
-        for begin, end in zip(samples.begins[:-1].tolist(), samples.begins[1:].tolist(), strict=True):
-            if end - begin < 2:
-                continue
-            columns = one.columns[begin:end]
-            starts = samples.starts[(samples.starts >= begin) & (samples.starts < end)] - begin
-            prior = np.full(own, np.inf)
-            made.append(
-                Linearised(
-                    samples.times[begin:end],
-                    columns[:, -1],
-                    columns[:, own:-1],
-                    columns[:, :own],
-                    starts,
-                    prior,
-                    np.zeros(own),
-                )
-            )
-        return made
-
-
-def whitened(one: Residuals, noise: NoiseModel) -> Array:
-    """Columns and residual of a signal, white and of unit size."""
-    nothing = np.zeros((len(one.columns), 0))
-    none = np.zeros(0)
-    record = Linearised(one.samples.times, one.residual, nothing, nothing, one.samples.starts, none, none)
-    return noise.shape.whiten(one.columns, record) / noise.std
-
-
-def white_noise(std: float) -> NoiseModel:
-    """Noise without colour."""
-    return NoiseModel(AutoRegression(np.zeros(0)), std)

@@ -54,17 +54,26 @@ class MotionRecord:
         return float((self.times[-1] - self.times[0]) / (self.times.size - 1))
 
 
-def cut(record: MotionRecord, seconds: float) -> list[MotionRecord]:
-    """Equal windows of about this length; a window ends at the grid point at which the next begins."""
-    points = record.times.size - 1
-    count = max(1, min(round(points * record.period / seconds), points // NODES))
-    edges = np.rint(np.linspace(0, points, count + 1)).astype(int).tolist()
-    return [part_of(record, first, last) for first, last in pairwise(edges)]
+def cut(record: MotionRecord, seconds: float, lead: float = 0.0) -> list[MotionRecord]:
+    """Equal windows of about this length; a window ends at the grid point at which the next begins.
+
+    lead : by how much the grid of a window begins before its samples [s], so that a late sensor still reads
+        what the window holds
+    """
+    points, ahead = record.times.size - 1, round(lead / record.period)
+    if points - ahead <= NODES:
+        ahead = 0
+    count = max(1, min(round((points - ahead) * record.period / seconds), (points - ahead) // NODES))
+    edges = np.rint(np.linspace(ahead, points, count + 1)).astype(int).tolist()
+    return [part_of(record, first, last, ahead) for first, last in pairwise(edges)]
 
 
-def part_of(record: MotionRecord, first: int, last: int) -> MotionRecord:
-    """Window from one grid point to another; the last sample belongs to it only where the record ends."""
-    grid = slice(first, last + 1)
+def part_of(record: MotionRecord, first: int, last: int, ahead: int = 0) -> MotionRecord:
+    """Window from one grid point to another; the last sample belongs to it only where the record ends.
+
+    ahead : grid points by which the grid begins before the samples
+    """
+    grid = slice(first - ahead, last + 1)
     end = np.inf if last == record.times.size - 1 else record.times[last]
     measured = {}
     for name, samples in record.measured.items():
@@ -86,6 +95,7 @@ class SignalSamples:
     window : (n,) index of the window of each sample
     times, values : (n,)
     first, weights : (n,) first of NODES grid points, (n, NODES) their weights in the cubic between them
+    slope_weights : (n, NODES) their weights in the slope of that cubic [1/s]
     begins : (w + 1,) where the samples of each window begin
     starts : indices at which the noise restarts
     period : median time between samples [s]
@@ -97,6 +107,7 @@ class SignalSamples:
     values: Array
     first: Index
     weights: Array
+    slope_weights: Array
     begins: Index
     starts: Index
     period: float
@@ -108,6 +119,29 @@ class SignalSamples:
     def at(self, grid: Array) -> Array:
         """(n, c) values of columns (N, c) on the grid of all windows, at the samples."""
         return _at_samples(np.ascontiguousarray(grid), self.first, self.weights)
+
+    def slopes(self, grid: Array) -> Array:
+        """(n, c) derivatives to time of the same columns, of the cubic between the grid points."""
+        return _at_samples(np.ascontiguousarray(grid), self.first, self.slope_weights)
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """An uninterrupted part of a run on the grid of all windows, in which windows may overlap.
+
+    rows : (m,) of the grid of all windows; place : (m,) of each on the grid of the stretch
+    times : (k,) of that grid [s since the start of the run]
+    """
+
+    rows: Index
+    place: Index
+    times: Array
+
+    def whole(self, values: Array) -> Array:
+        """(k, ...) values on the grid of the stretch, from those on the grid of all windows."""
+        made = np.zeros((self.times.size, *values.shape[1:]))
+        made[self.place] = values[self.rows]
+        return made
 
 
 class Windows:
@@ -139,12 +173,35 @@ class Windows:
         """Driven in all windows [s]."""
         return float(sum(record.times[-1] - record.times[0] for record in self.records))
 
-    def _samples(self, name: str) -> SignalSamples:
+    @cached_property
+    def stretches(self) -> list[Stretch]:
+        """The uninterrupted parts of the runs, each driven through in windows that follow one another."""
+        parts: list[list[int]] = []
+        for number, record in enumerate(self.records):
+            before = self.records[number - 1]
+            gap = record.times[0] - before.times[-1] if number else np.inf
+            if parts and record.run == before.run and gap - 1e-6 * record.period <= 0:
+                parts[-1].append(number)
+            else:
+                parts.append([number])
+        return [self._stretch(part) for part in parts]
+
+    def _stretch(self, part: Sequence[int]) -> Stretch:
+        first = self.records[part[0]]
+        rows = np.concatenate([np.arange(self.offsets[k], self.offsets[k + 1]) for k in part])
+        place = np.rint((self.times[rows] - first.times[0]) / first.period).astype(np.intp)
+        return Stretch(rows, place, first.times[0] + first.period * np.arange(place.max() + 1))
+
+    def later(self, name: str, delay: float) -> SignalSamples:
+        """The samples of a signal placed where the grid was ``delay`` [s] before their stamps."""
+        return self._samples(name, delay)
+
+    def _samples(self, name: str, delay: float = 0.0) -> SignalSamples:
         nothing = Samples(np.zeros(0), np.zeros(0))
         own = [record.measured.get(name, nothing) for record in self.records]
         counts = [one.times.size for one in own]
         placed = [
-            _placed(record, one.times, int(offset))
+            _placed(record, one.times - delay, int(offset))
             for record, one, offset in zip(self.records, own, self.offsets, strict=False)
         ]
         times = np.concatenate([one.times for one in own])
@@ -157,16 +214,17 @@ class Windows:
             window=np.repeat(np.arange(len(own)), counts).astype(np.intp),
             times=times,
             values=np.concatenate([one.values for one in own]),
-            first=np.concatenate([first for first, _ in placed]),
-            weights=np.concatenate([weights for _, weights in placed]),
+            first=np.concatenate([first for first, _, _ in placed]),
+            weights=np.concatenate([weights for _, weights, _ in placed]),
+            slope_weights=np.concatenate([slopes for _, _, slopes in placed]),
             begins=begins,
             starts=np.unique(np.concatenate([begins[:-1][np.array(counts) > 0], gaps])).astype(np.intp),
             period=period,
         )
 
 
-def _placed(record: MotionRecord, times: Array, offset: int) -> tuple[Index, Array]:
-    """First grid point and weights (n, NODES) of the cubic through four grid points (Lagrange)."""
+def _placed(record: MotionRecord, times: Array, offset: int) -> tuple[Index, Array, Array]:
+    """First grid point, weights (n, NODES) of the cubic through four grid points (Lagrange) and its slope."""
     position = (times - record.times[0]) / record.period
     first = np.clip(np.floor(position).astype(np.intp) - 1, 0, record.times.size - NODES)
     x = position - first
@@ -178,7 +236,15 @@ def _placed(record: MotionRecord, times: Array, offset: int) -> tuple[Index, Arr
             x * (x - 1) * (x - 2) / 6,
         ]
     )
-    return (first + offset).astype(np.intp), weights
+    slopes = np.column_stack(
+        [
+            -(3 * x**2 - 12 * x + 11) / 6,
+            (3 * x**2 - 10 * x + 6) / 2,
+            -(3 * x**2 - 8 * x + 3) / 2,
+            (3 * x**2 - 6 * x + 2) / 6,
+        ]
+    )
+    return (first + offset).astype(np.intp), weights, slopes / record.period
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -13,13 +13,13 @@ from ident.dynamics.bicycle import bicycle
 from ident.dynamics.engine import compiled
 from ident.estimation.noise import AutoRegression, NoiseModel
 from ident.estimation.tyre_fit import BANK, SENSOR_BIAS, coordinates_of
+from ident.estimation.vehicle_point import VehiclePoint
 from ident.estimation.vehicle_problem import (
     ACROSS,
     ALONG,
     STEERING_RATIO,
     Coordinate,
     RunTerm,
-    VehiclePoint,
     VehicleProblem,
 )
 from ident.estimation.vehicle_records import Samples, Windows, cut

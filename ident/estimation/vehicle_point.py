@@ -1,0 +1,138 @@
+"""A vehicle problem at present parameters: what is minimised, and how its parameters are eliminated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.estimation.elimination import Eliminated, eliminate, stacked, triangle_of, with_priors
+from ident.estimation.noise import AutoRegression, Linearised, NoiseModel
+from ident.estimation.vehicle_problem import Residuals, VehicleProblem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class VehiclePoint:
+    """The problem at present parameters, weighed by the noise of each signal.
+
+    shared : (s,) coordinates; of_runs : (runs, b) terms of the runs
+    local : (w, local) initial states, then how later parts of the path are moved and turned
+    noise : of every compared signal
+    """
+
+    problem: VehicleProblem
+    shared: Array
+    of_runs: Array
+    local: Array
+    noise: Mapping[str, NoiseModel]
+    std: float = 1.0
+
+    @cached_property
+    def residuals(self) -> dict[str, Residuals]:
+        """Of every compared signal."""
+        with np.errstate(all="ignore"):  # a model that blows up is found by its value
+            return self.problem.residuals(self.shared, self.of_runs, self.local)
+
+    @cached_property
+    def white(self) -> dict[str, Array]:
+        """Columns and residual of every signal, whitened, in units of the innovations."""
+        with np.errstate(all="ignore"):
+            return {name: whitened(one, self.noise[name]) for name, one in self.residuals.items()}
+
+    @cached_property
+    def value(self) -> float:
+        """Whitened sum of squares and of the prior terms; infinite where the model has blown up."""
+        with np.errstate(all="ignore"):
+            total = sum(float(white[:, -1] @ white[:, -1]) for white in self.white.values())
+        total += float(np.square(self.of_runs / self.problem.std_by_run).sum())
+        total += float(np.square(self._from_prior / self.problem.prior_std).sum())
+        return total if np.isfinite(total) else np.inf
+
+    @property
+    def _from_prior(self) -> Array:
+        return self.problem.prior_mean - self.shared
+
+    @cached_property
+    def windows(self) -> list[Eliminated]:
+        """Each window, its initial state eliminated."""
+        parts = {name: one.samples.begins for name, one in self.residuals.items()}
+        made = []
+        for number in range(len(self.problem.windows.records)):
+            rows = [self.white[name][begins[number] : begins[number + 1]] for name, begins in parts.items()]
+            made.append(eliminate(triangle_of(np.vstack(rows)), self.problem.local))
+        return made
+
+    @cached_property
+    def by_run(self) -> list[Eliminated]:
+        """Each run, its terms eliminated."""
+        made = []
+        for run in range(self.problem.windows.runs):
+            own = [part for part, of in zip(self.windows, self.problem.windows.run, strict=True) if of == run]
+            rows = with_priors(stacked(own), self.problem.std_by_run[run], -self.of_runs[run])
+            made.append(eliminate(rows, len(self.problem.run_terms)))
+        return made
+
+    def triangle(self) -> Array:
+        """See :class:`~ident.estimation.gauss_newton.Point`."""
+        rows = with_priors(stacked(self.by_run), self.problem.prior_std, self._from_prior)
+        return triangle_of(rows)
+
+    def moved(self, step: Array) -> VehiclePoint:
+        """See :class:`~ident.estimation.gauss_newton.Point`."""
+        of_runs = np.array([run.step(step) for run in self.by_run]).reshape(self.of_runs.shape)
+        of_windows = [
+            window.step(np.concatenate([of_runs[run], step]))
+            for window, run in zip(self.windows, self.problem.windows.run, strict=True)
+        ]
+        return replace(
+            self,
+            shared=self.shared + step,
+            of_runs=self.of_runs + of_runs,
+            local=self.local + np.array(of_windows),
+        )
+
+    def inside(self, shared: Array) -> Array:
+        """See :class:`~ident.estimation.gauss_newton.Point`."""
+        return self.problem.inside(shared)
+
+    def linearised(self, name: str) -> list[Linearised]:
+        """One signal window by window, for the identification of its noise."""
+        one = self.residuals[name]
+        own = self.problem.local + len(self.problem.run_terms)
+        samples, made = one.samples, []
+        for begin, end in zip(samples.begins[:-1].tolist(), samples.begins[1:].tolist(), strict=True):
+            if end - begin < 2:
+                continue
+            columns = one.columns[begin:end]
+            starts = samples.starts[(samples.starts >= begin) & (samples.starts < end)] - begin
+            prior = np.full(own, np.inf)
+            made.append(
+                Linearised(
+                    samples.times[begin:end],
+                    columns[:, -1],
+                    columns[:, own:-1],
+                    columns[:, :own],
+                    starts,
+                    prior,
+                    np.zeros(own),
+                )
+            )
+        return made
+
+
+def whitened(one: Residuals, noise: NoiseModel) -> Array:
+    """Columns and residual of a signal, white and of unit size."""
+    nothing = np.zeros((len(one.columns), 0))
+    none = np.zeros(0)
+    record = Linearised(one.samples.times, one.residual, nothing, nothing, one.samples.starts, none, none)
+    return noise.shape.whiten(one.columns, record) / noise.std
+
+
+def white_noise(std: float) -> NoiseModel:
+    """Noise without colour."""
+    return NoiseModel(AutoRegression(np.zeros(0)), std)
