@@ -61,6 +61,8 @@ class LayerScores:
     run, time : (b,) run of each bin and its middle [s since the start of the run], in the order of driving
     scores : (b, c) sum over a bin of direction times whitened residual
     gram : (c, c) inner products of the directions over all bins
+    energy : (b, c) squared length of each direction within a bin; what a bin can tell of it. A direction that
+        the fitted parameters take up (less than a millionth of its squared length left) is zero throughout
     power, count : (b, s) sum of squared whitened residuals and number of samples of each signal
     activity : (b, a) how much is going on in each bin: mean squares of what excites the layer
     signals, activities : names of those columns
@@ -72,6 +74,7 @@ class LayerScores:
     time: Array
     scores: Array
     gram: Array
+    energy: Array
     power: Array
     count: Array
     activity: Array
