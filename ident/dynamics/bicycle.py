@@ -11,6 +11,11 @@ Each slip angle is computed in the wheel's own frame, α = -atan(v_across/|v_alo
 above for a truck that rolls forward, and holds in reverse as well. Where the velocity along the wheel is
 below ``CRAWL`` it is replaced by (v² + v_s²)/(2 v_s), so that a truck at standstill neither blows up nor
 creeps on level ground: a tyre then resists sliding like a damper.
+
+What effects may change, in the order in which it is passed: longitudinal_velocity, road_wheel_angle,
+front_slip_angle, rear_slip_angle, load_shifting_acceleration (from the axles' force curves), then for each
+axle front_lateral_force (its static force) and front_tyre_force (that of the moment), felt_force (of tyres
+and air), lateral_force (with gravity), yaw_moment, measured_<signal>.
 """
 
 from __future__ import annotations
@@ -46,6 +51,7 @@ STABLE_STEP = 1.0  # largest product of a substep and the fastest eigenvalue; RK
 STATES = ("lateral_velocity", "yaw_rate", "heading", "position_x", "position_y")
 INPUTS = ("road_wheel_angle", "longitudinal_velocity")
 BODY = ("mass", "yaw_inertia", "cg_to_front_axle", "cg_to_rear_axle")
+AXLES = ("front", "rear")
 MOUNTING = ("reference_x", "imu_x", "imu_y")
 
 
@@ -56,15 +62,15 @@ class Lateral:
     angle : of the front wheels [rad]
     slip_angles : front, rear [rad]
     axle_forces : front, rear, each across its own wheels [N]
-    tyre_force : of both axles across the vehicle [N]: what an accelerometer at the CG feels, times the mass
-    lateral_force : with all that pushes but is no tyre [N]
+    felt_force : of tyres and air across the vehicle [N]: mass times what an accelerometer at the CG feels
+    lateral_force : with gravity, which no accelerometer feels [N]
     turning : yaw acceleration [rad/s²]
     """
 
     angle: Expr
     slip_angles: tuple[Expr, Expr]
     axle_forces: tuple[Expr, Expr]
-    tyre_force: Expr
+    felt_force: Expr
     lateral_force: Expr
     turning: Expr
 
@@ -82,7 +88,8 @@ def bicycle(front: str, rear: str, effects: tuple[Effect, ...] = (STEERING_OFFSE
     Parameters
     ----------
     front, rear : kinds of tyres, names in ``TYRES``
-    effects : what enters at its ports; every parameter of theirs is one of the system
+    effects : what enters at its ports; every parameter of theirs is one of the system; their states, inputs
+        and outputs follow those of the bicycle
 
     Returns
     -------
@@ -92,11 +99,14 @@ def bicycle(front: str, rear: str, effects: tuple[Effect, ...] = (STEERING_OFFSE
     """
     tyres = tyre_parameters(front, rear)
     ports = Ports(known_symbols(STATES, INPUTS, BODY, MOUNTING, tyres), effects)
+    ports.through("longitudinal_velocity", ports.known["longitudinal_velocity"])
     lateral = lateral_dynamics(ports, front, rear)
-    states = planar_motion(ports.known, lateral)
     measured = measurements(ports, lateral)
+    states = planar_motion(ports.known, lateral) | ports.states()
+    inputs = (*INPUTS, *ports.inputs)
     parameters = (*BODY, *tyres, *MOUNTING, *ports.parameter_names())
-    return System(f"bicycle_{front}_{rear}", states, INPUTS, parameters, measured, ports.intermediates)
+    outputs = measured | ports.outputs()
+    return System(f"bicycle_{front}_{rear}", states, inputs, parameters, outputs, ports.intermediates)
 
 
 def lateral_dynamics(ports: Ports, front: str, rear: str) -> Lateral:
@@ -112,19 +122,29 @@ def lateral_dynamics(ports: Ports, front: str, rear: str) -> Lateral:
     slip_f = ports.through("front_slip_angle", slip_angle(*_as_named(ports, "front", front_wheel)))
     slip_r = ports.through("rear_slip_angle", slip_angle(*_as_named(ports, "rear", rear_wheel)))
     load = known["mass"] * GRAVITY / (l_f + l_r)
-    force_f = ports.through("front_lateral_force", TYRES[front].force_at("front", slip_f, load * l_r))
-    force_r = ports.through("rear_lateral_force", TYRES[rear].force_at("rear", slip_r, load * l_f))
-    across = force_f * sympy.cos(angle)
-    lateral_force = ports.through("lateral_force", across + force_r)
-    moment = ports.through("yaw_moment", l_f * across - l_r * force_r)
-    return Lateral(
-        angle,
-        (slip_f, slip_r),
-        (force_f, force_r),
-        across + force_r,
-        lateral_force,
-        moment / known["yaw_inertia"],
+    curves = (
+        TYRES[front].force_at("front", slip_f, load * l_r),
+        TYRES[rear].force_at("rear", slip_r, load * l_f),
     )
+    force_f, force_r = _axle_forces(ports, curves, angle)
+    across = force_f * sympy.cos(angle)
+    felt = ports.through("felt_force", across + force_r)
+    ports.named("felt_acceleration", felt / known["mass"])
+    lateral_force = ports.through("lateral_force", felt)
+    moment = ports.through("yaw_moment", l_f * across - l_r * force_r)
+    turning = ports.named("yaw_acceleration", moment / known["yaw_inertia"])
+    return Lateral(angle, (slip_f, slip_r), (force_f, force_r), felt, lateral_force, turning)
+
+
+def _axle_forces(ports: Ports, curves: tuple[Expr, Expr], angle: Expr) -> tuple[Expr, Expr]:
+    """Forces front and rear after the effects, which at either axle may look at the curves of both."""
+    front, rear = (ports.named(f"{axle}_curve_force", c) for axle, c in zip(AXLES, curves, strict=True))
+    shifting = (front * sympy.cos(angle) + rear) / ports.known["mass"]
+    ports.through("load_shifting_acceleration", shifting)
+    front, rear = (
+        ports.through(f"{axle}_lateral_force", c) for axle, c in zip(AXLES, (front, rear), strict=True)
+    )
+    return ports.through("front_tyre_force", front), ports.through("rear_tyre_force", rear)
 
 
 def wheel_velocity(along: Expr, across: Expr, angle: Expr) -> tuple[Expr, Expr]:
@@ -158,12 +178,12 @@ def measurements(ports: Ports, lateral: Lateral) -> dict[str, Expr]:
     """What the sensors read: the IMU at its place, velocity and pose at the reference point.
 
     An accelerometer reads the forces that act on the vehicle's parts, not gravity: on a bank it falls
-    down the slope with the vehicle, so that what it reads is the force of the tyres alone.
+    down the slope with the vehicle, so that what it reads is the force of the tyres and of the wind.
     """
     known = ports.known
     along, across, turn, heading = _motion(known)
     point, imu = reference_and_imu(known)
-    _, felt = moved_acceleration(0, lateral.tyre_force / known["mass"], turn, lateral.turning, CG, imu)
+    _, felt = moved_acceleration(0, known["felt_acceleration"], turn, lateral.turning, CG, imu)
     _, drift = moved_velocity(along, across, turn, CG, point)
     cosine, sine = sympy.cos(heading), sympy.sin(heading)
     x, y = moved_position((known["position_x"], known["position_y"]), cosine, sine, CG, point)

@@ -32,7 +32,7 @@ def kinematic(*, rear_steer: bool = False, effects: tuple[Effect, ...] = (STEERI
     """Kinematic bicycle with the outputs of the dynamic one that it has.
 
     rear_steer : whether the rear wheels steer; their angle is then the input ``rear_wheel_angle``
-    effects : what enters at its ports (road_wheel_angle, rear_wheel_angle, measured_<signal>)
+    effects : what enters at its ports (those angles, longitudinal_velocity, measured_<signal>)
     """
     steered = ("road_wheel_angle", "rear_wheel_angle") if rear_steer else ("road_wheel_angle",)
     inputs = (*steered, "longitudinal_velocity")
@@ -42,7 +42,7 @@ def kinematic(*, rear_steer: bool = False, effects: tuple[Effect, ...] = (STEERI
     front = sympy.tan(angles[0])
     rear = sympy.tan(angles[1]) if rear_steer else sympy.Integer(0)
     l_f, l_r = known["cg_to_front_axle"], known["cg_to_rear_axle"]
-    along, heading = known["longitudinal_velocity"], known["heading"]
+    along, heading = ports.through("longitudinal_velocity", known["longitudinal_velocity"]), known["heading"]
     turn = along * (front - rear) / (l_f + l_r)
     across = along * (l_r * front + l_f * rear) / (l_f + l_r)
     cosine, sine = sympy.cos(heading), sympy.sin(heading)
@@ -52,7 +52,8 @@ def kinematic(*, rear_steer: bool = False, effects: tuple[Effect, ...] = (STEERI
         "position_y": along * sine + across * cosine,
     }
     point, imu = reference_and_imu(known)
-    _, felt = moved_acceleration(0, along * turn, turn, 0, CG, imu)
+    steady = ports.named("felt_acceleration", along * turn)
+    _, felt = moved_acceleration(0, steady, turn, 0, CG, imu)
     _, drift = moved_velocity(along, across, turn, CG, point)
     x, y = moved_position((known["position_x"], known["position_y"]), cosine, sine, CG, point)
     names = ("yaw_rate", "lateral_acceleration", "lateral_velocity", "heading", "position_x", "position_y")
@@ -60,4 +61,5 @@ def kinematic(*, rear_steer: bool = False, effects: tuple[Effect, ...] = (STEERI
     outputs = {name: ports.through(f"measured_{name}", value) for name, value in read.items()}
     parameters = (*DISTANCES, *MOUNTING, *ports.parameter_names())
     name = "kinematic_rear_steer" if rear_steer else "kinematic"
-    return System(name, states, inputs, parameters, outputs, ports.intermediates)
+    outputs, states = outputs | ports.outputs(), states | ports.states()
+    return System(name, states, (*inputs, *ports.inputs), parameters, outputs, ports.intermediates)

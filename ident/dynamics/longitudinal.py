@@ -64,20 +64,23 @@ def driven_bicycle(
     along, mass = known["longitudinal_velocity"], known["mass"]
     felt = ports.through("longitudinal_force", _contact_force(ports, lateral)) / mass
     downhill = GRAVITY * sympy.sin(known["grade"])
-    states = {
-        "longitudinal_velocity": felt - downhill + known["lateral_velocity"] * known["yaw_rate"],
-        **planar_motion(known, lateral),
-    }
     _, imu = reference_and_imu(known)
     measured, _ = moved_acceleration(felt, 0, known["yaw_rate"], lateral.turning, CG, imu)
     outputs = {
         "longitudinal_velocity": along,
         "longitudinal_acceleration": ports.through("measured_longitudinal_acceleration", measured),
         **measurements(ports, lateral),
+        **ports.outputs(),
+    }
+    states = {
+        "longitudinal_velocity": felt - downhill + known["lateral_velocity"] * known["yaw_rate"],
+        **planar_motion(known, lateral),
+        **ports.states(),
     }
     parameters = (*BODY, *RESISTANCE, *tyres, *MOUNTING, *ports.parameter_names())
     name = f"driven_bicycle_{front}_{rear}"
-    return System(name, states, INPUTS, parameters, outputs, ports.intermediates)
+    inputs = (*INPUTS, *ports.inputs)
+    return System(name, states, inputs, parameters, outputs, ports.intermediates)
 
 
 def _contact_force(ports: Ports, lateral: Lateral) -> Expr:

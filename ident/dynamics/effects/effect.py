@@ -1,14 +1,18 @@
 """One effect: where it enters a model, and what it does there.
 
-A model is built port by port: each value that an effect may change (``road_wheel_angle``, ``lateral_force``,
+A model is built port by port: each value that an effect may change (``road_wheel_angle``, ``felt_force``,
 ``yaw_moment``, each output as ``measured_<signal>``) goes through ``Ports.through`` on its way to what uses
 it. So an effect changes all that follows, and several compose in the order in which they are given.
+
+An effect may bring states of its own (a lagging force, a roll angle), inputs (a probe) and outputs. Its
+states and inputs are known by name from the beginning; how its states change is asked for once all ports have
+passed, so that it may use whatever the model knows by then.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import sympy
@@ -18,7 +22,8 @@ from ident.dynamics.parameter import Parameter
 from ident.dynamics.symbols import symbol
 
 Enters = Literal["A", "G", "T", "Y", "R", "X", "M"]
-Change = Callable[[Expr, Mapping[str, Expr]], Expr]
+Known = Mapping[str, Expr]
+Change = Callable[[Expr, Known], Expr]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +32,15 @@ class Effect:
 
     name : its identifier in code, JSON and reports
     enters : actuator A, linkage G, tyre T, lateral force Y, yaw moment R, longitudinal X, measurement M
-    parameters : their names are symbols of the model; all zero is no effect
+    parameters : their names are symbols of the model; the first, its size, at zero is no effect
     changes : port -> (value of the port, all that is known there by name) -> changed value
     needs : signals of the log without which it cannot be told
+    given : parameters that it takes as known, fixed at what the vehicle file says, else at ``typical``
+    states : name -> (all that is known after the ports) -> its derivative to time; they begin at zero unless
+        ``begins`` names an output of the model that they begin at
+    inputs : names of the inputs that it adds
+    outputs : name -> (all that is known after the ports) -> value
+    equation : what it does, to be typeset; meaning : of the equation and its size, in one sentence
     """
 
     name: str
@@ -37,11 +48,18 @@ class Effect:
     parameters: tuple[Parameter, ...]
     changes: Mapping[str, Change]
     needs: tuple[str, ...] = ()
+    given: tuple[Parameter, ...] = ()
+    states: Mapping[str, Callable[[Known], Expr]] = field(default_factory=dict)
+    begins: Mapping[str, str] = field(default_factory=dict)
+    inputs: tuple[str, ...] = ()
+    outputs: Mapping[str, Callable[[Known], Expr]] = field(default_factory=dict)
+    equation: sympy.Basic | None = None
+    meaning: str = ""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the parameters, in order."""
-        return tuple(parameter.name for parameter in self.parameters)
+        """Names of the parameters, in order, those that are given last."""
+        return tuple(parameter.name for parameter in (*self.parameters, *self.given))
 
 
 class Ports:
@@ -49,11 +67,14 @@ class Ports:
 
     known : states, inputs and parameters by name, to begin with
     intermediates : name -> expression, of every port that is more than a name; what follows uses the name
+    inputs : names of the inputs that the effects add
     """
 
-    def __init__(self, known: Mapping[str, Expr], effects: Sequence[Effect]) -> None:
-        self.known = dict(known)
+    def __init__(self, known: Known, effects: Sequence[Effect]) -> None:
+        added = [name for effect in effects for name in (*effect.states, *effect.inputs)]
+        self.known = {**known, **known_symbols(added)}
         self.intermediates: dict[str, Expr] = {}
+        self.inputs = tuple(name for effect in effects for name in effect.inputs)
         self._effects = effects
         self._passed: set[str] = set()
 
@@ -73,6 +94,18 @@ class Ports:
             value = symbol(f"at.{name}")
         self.known[name] = value
         return value
+
+    def states(self) -> dict[str, Expr]:
+        """Derivatives of the states that the effects add; asked for after all ports have passed."""
+        return {
+            name: derivative(self.known)
+            for effect in self._effects
+            for name, derivative in effect.states.items()
+        }
+
+    def outputs(self) -> dict[str, Expr]:
+        """What the effects let be read of the model beside its own outputs; asked for last."""
+        return {name: value(self.known) for effect in self._effects for name, value in effect.outputs.items()}
 
     def parameter_names(self) -> tuple[str, ...]:
         """Parameters of all effects.
