@@ -172,6 +172,25 @@ def linear_score(records: Sequence[Linearised], columns: Sequence[int]) -> tuple
     return float(left @ left), solution
 
 
+def first_look(
+    problem: Problem,
+    shared: Array,
+    local: Sequence[Array],
+    *,
+    noise: NoiseModel,
+    iterations: int,
+) -> tuple[float, Array, list[Array]]:
+    """Some iterations under a noise that is given, to choose among starts.
+
+    Returns
+    -------
+    whitened sum of squares over the variance of the noise, shared and local parameters
+    """
+    start = replace(_first(problem, shared, local, noise.shape), std=noise.std)
+    state, _, _ = minimise(start, iterations)
+    return state.value / noise.std**2, state.shared, state.local
+
+
 def fit_output_error(
     problem: Problem,
     shared: Array,

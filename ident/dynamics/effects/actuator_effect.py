@@ -19,7 +19,7 @@ from sympy import Expr
 from ident.dynamics.parameter import Parameter
 
 Array = NDArray[np.float64]
-RequestMap = Callable[[Array, float], tuple[Array, Array]]
+RequestMap = Callable[[Array, float], tuple[Array, Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class ActuatorEffect:
     name : its identifier in code, JSON and reports
     size : its only parameter, positive
     place : of the model that it changes: "request", "rate" or "width"
-    request : where that is "request": (request, size) -> changed request, its derivative to the size
+    request : where that is "request": (request, size) -> changed request, derivatives to size and request
     sizes : that a screen tries, from how hard the actuator was driven, the likeliest first
     impossible : (size, excitation) -> why no actuator has that size here, None where one may have
     equation : of the changed term; meaning : of it and its size, in one sentence

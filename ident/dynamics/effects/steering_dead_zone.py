@@ -20,11 +20,11 @@ LARGEST = 0.5  # of the largest request
 WIDTH = Parameter("width", "rad", 1e-5, 0.1, 3e-3, "largest request that is not answered")
 
 
-def dead_zone(request: Array, width: float) -> tuple[Array, Array]:
-    """(m,) request that is acted on, (m,) its derivative to the width."""
+def dead_zone(request: Array, width: float) -> tuple[Array, Array, Array]:
+    """(m,) request that is acted on, (m,) and (m,) its derivatives to the width and to the request."""
     beyond = np.abs(request) > width
     side = np.where(beyond, np.sign(request), 0.0)
-    return np.where(beyond, request - side * width, 0.0), -side
+    return np.where(beyond, request - side * width, 0.0), -side, np.abs(side)
 
 
 def _sizes(seen: Excitation) -> list[float]:
