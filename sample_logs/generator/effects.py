@@ -134,7 +134,7 @@ def noise_floor(driven: Drive, runs: dict[str, MotionSet]) -> dict[str, float]:
 
 
 def truth_of(truck: Which, seed: int) -> Truth:
-    """Return the truck of the sample logs, or another one: mass, inertia, place of the CG, tyres, steering."""
+    """Return the truck of the sample logs, or another one: mass, inertia, CG, tyres, steering."""
     truth = load_truth()
     request = replace(truth.steering.request, rate=REQUEST_RATE)
     truth = replace(truth, steering=replace(truth.steering, request=request))
@@ -281,16 +281,15 @@ def _gusts(grid: Array, random: np.random.Generator) -> Array:
     return made / np.std(made)
 
 
-def _sampled(
-    readings: dict[str, Reading], truth: Truth, duration: float, seed: int, name: str
-) -> MotionSet:
+def _sampled(readings: dict[str, Reading], truth: Truth, duration: float, seed: int, name: str) -> MotionSet:
     """What every sensor would read at its stamps."""
     stamps = {
         topic: seconds(schedule(sensor, 0.0, duration, generator(seed, name, topic)))
         for topic, sensor in sensors_of(truth).items()
     }
     return {
-        signal: Samples(stamps[topic], readings[signal](stamps[topic])) for signal, (topic, _) in SOURCES.items()
+        signal: Samples(stamps[topic], readings[signal](stamps[topic]))
+        for signal, (topic, _) in SOURCES.items()
     }
 
 
@@ -333,4 +332,3 @@ def _thinned(samples: Samples, signal: str, rate: float) -> Samples:
 
 def _as_logged(samples: Samples, turned: bool) -> Samples:
     return Samples(samples.time, -samples.values) if turned else samples
-

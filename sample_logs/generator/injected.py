@@ -1,4 +1,4 @@
-"""What may be wrong with the truck: effects that are injected, by name, with their parameters and usual sizes.
+"""What may be wrong with the truck: effects that are injected, by name, with parameters and usual sizes.
 
 Angles of a steering wheel are at the steering wheel, those behind its sensor at the road wheels; SI units.
 ``TYPICAL`` holds the effects with which the loop of `ident` begins, ``OUTSIDE`` others: some from the same
@@ -60,7 +60,7 @@ OUTSIDE: dict[str, dict[str, float]] = {
     "road_bank": {"angle": 0.03, "heading": 0.4},
     "local_bank": {"angle": 0.03, "wavelength": 130.0},  # [rad], [m] along the map's x
     "tandem_scrub": {"moment": 2.5e5},  # [N m²] on r/v
-    "trailer": {"mass": 5000.0, "length": 5.5, "stiffness": 1.6e5},  # [kg], [m], [N/rad]
+    "trailer": {"mass": 2500.0, "length": 5.5, "stiffness": 8e4},  # [kg], [m], [N/rad]
     "slosh": {"mass": 2500.0, "frequency": 3.2, "damping": 0.08},
     "payload_change": {"mass": 3000.0, "yaw_inertia": 12000.0, "cg_shift": -0.15},  # from the fifth run on
     # sensors

@@ -1,7 +1,7 @@
-"""A steering actuator that may fall short: from the requests that are sent to the angle of the steering wheel.
+"""A steering actuator that may fall short: from the requests that are sent to the steering-wheel angle.
 
-    request -> quantised -> dead zone -> gain -> dead time -> lag T1 -> lag T2, whose rate is limited and which
-    may stick, or a resonance in its place -> play -> steering wheel
+    request -> quantised -> dead zone -> gain -> dead time -> lag T1 -> lag T2, whose rate is limited and
+    which may stick, or a resonance in its place -> play -> steering wheel
 
 Each lag is carried exactly from one change of its input to the next, on a grid of half a millisecond and at
 the arrivals of commands between its points; what is limited, stuck or resonant follows the grid.

@@ -8,8 +8,9 @@ and α = -atan(velocity across the wheel over that along it). What may be added,
 
 * angles: δ_f = δ - c_lag + ε φ, where T ċ_lag + c_lag = c F_f; δ_r = κ δ;
 * tyres: Ḟ = (v/σ)(F_static - F); each of the two wheels of an axle carries half of the Magic Formula at its
-  load share 1 ± q, with q = a_y m h χ/(t F_z) of the axle's static wheel load F_z, D in proportion to the load
-  and B C D = k F_z (1 - e F_z), so that an axle's stiffness falls by s q², with s = e/(1 - e) its sensitivity;
+  load share 1 ± q, with q = a_y m h χ/(t F_z) of the axle's static wheel load F_z, D in proportion to the
+  load and B C D in proportion to F_z (1 - e F_z/F_z,static), so that the stiffness of an axle falls by s q²,
+  where s = e/(1 - e) is its sensitivity;
   a factor on the friction and one on the stiffness over time; less force at the driven rear axle;
 * forces and moments: wind, gusts, bank, scrub, damping, what sloshes, and a trailer on a hitch;
 * the body rolls: φ̈ + 2 ζ ω φ̇ + ω² φ = ω² g_φ a_y, out of the turn.
@@ -76,7 +77,9 @@ class Driven:
     pull: Array
 
 
-def simulate_truck(truck: Planar, injected: Sequence[Injected], time: Array, inputs: Array, pose: Array) -> Driven:
+def simulate_truck(
+    truck: Planar, injected: Sequence[Injected], time: Array, inputs: Array, pose: Array
+) -> Driven:
     """Drive straight on at first, from a pose of the centre of gravity (x, y [m], heading [rad]).
 
     Parameters

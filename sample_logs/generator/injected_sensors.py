@@ -39,9 +39,7 @@ def reads(
     half_steps, wheel : (n,) times [s] and angle of the steering wheel [rad]
     """
     true = {**_odometry(truck, injected, driven), **_imu(truck, injected, driven)}
-    made = {
-        signal: _delayed(driven.time, values, signal, injected) for signal, values in true.items()
-    }
+    made = {signal: _delayed(driven.time, values, signal, injected) for signal, values in true.items()}
     made["steering_wheel_angle"] = _delayed(half_steps, wheel, "steering_wheel_angle", injected)
     return made
 

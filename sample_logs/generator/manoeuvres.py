@@ -161,7 +161,16 @@ def _free(truck: Planar, speed: Speed, random: np.random.Generator) -> Command:
 CAMPAIGN: dict[str, Manoeuvre] = {
     "there_and_back": Manoeuvre(
         46.0,
-        ((0.0, 0.0), (5.0, 0.0), (10.0, 9.0), (14.0, 9.0), (17.0, 5.0), (31.0, 5.0), (36.0, 14.0), (46.0, 14.0)),
+        (
+            (0.0, 0.0),
+            (5.0, 0.0),
+            (10.0, 9.0),
+            (14.0, 9.0),
+            (17.0, 5.0),
+            (31.0, 5.0),
+            (36.0, 14.0),
+            (46.0, 14.0),
+        ),
         _there_and_back,
     ),
     "slow_circles": Manoeuvre(46.0, ((0.0, 2.2), (15.0, 2.8), (30.0, 2.3), (46.0, 2.7)), _slow_circles),
