@@ -155,6 +155,7 @@ def test_the_truck_of_the_sample_logs_shares_no_code_with_the_models() -> None:
         ["steering", "--help"],
         ["tyres", "--help"],
         ["evaluate", "--help"],
+        ["improve", "--help"],
         ["run", "--help"],
         ["steering"],
         ["run", "recipe.yaml"],

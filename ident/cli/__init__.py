@@ -9,6 +9,7 @@ import click
 from ident import __version__
 from ident.cli.boundary import ErrorBoundary
 from ident.cli.evaluate import evaluate
+from ident.cli.improve import improve
 from ident.cli.info import info
 from ident.cli.init import init
 from ident.cli.run import run
@@ -32,6 +33,7 @@ def main() -> None:
       ident steering my_logs/
       ident tyres my_logs/
       ident evaluate my_logs/
+      ident improve my_logs/
       ident run my_truck.yaml my_logs/
 
     \b
@@ -45,4 +47,5 @@ main.add_command(info)
 main.add_command(steering)
 main.add_command(tyres)
 main.add_command(evaluate)
+main.add_command(improve)
 main.add_command(run)

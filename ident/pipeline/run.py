@@ -124,7 +124,8 @@ def _told_before(job: Job, stage: str) -> list[str]:
 def _summary(store: Store, steps: Sequence[Step], *, drawn: bool) -> str:
     lines = [describe_steps(steps), f"report: {'done' if drawn else 'up to date'}"]
     for step in steps:
-        verdict = getattr(store.read_result(step.stage), "verdict", None)
+        result = store.read_result(step.stage)
+        verdict = getattr(result, "told", None) or getattr(result, "verdict", None)
         if step.state != "refused" and verdict:
             lines += ["", f"{STAGES[step.stage].title}: {verdict}"]
     return "\n".join(lines)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from ident.report.page import Page
     from ident.report.recording import Part
-    from ident.results import EvaluateResult, InfoResult, SteeringResult, TyresResult
+    from ident.results import EvaluateResult, ImproveResult, InfoResult, SteeringResult, TyresResult
 
 Tables = Mapping[str, "pd.DataFrame"]
 Results = Mapping[str, Any]
@@ -173,6 +173,39 @@ def _unmet(result: EvaluateResult) -> list[str]:
     ]
 
 
+def _improve(
+    logs: Sequence[Path], recipe: Recipe, context: Context, results: Results
+) -> StageOutput[ImproveResult]:
+    from ident.stages.improve import improve
+
+    return improve(
+        logs,
+        recipe.inputs(),
+        recipe.improve,
+        context,
+        tyres=results["tyres"],
+        steering=results["steering"],
+    )
+
+
+def _describe_improve(result: ImproveResult) -> str:
+    from ident.report.summary import describe_improve
+
+    return describe_improve(result)
+
+
+def _improve_page(result: ImproveResult, tables: Tables) -> Page:
+    from ident.report.pages.improve import improve_page
+
+    return improve_page(result, tables)
+
+
+def _record_improve(result: ImproveResult, tables: Tables) -> Part:
+    from ident.report.recording import improve_part
+
+    return improve_part(result, tables)
+
+
 STAGES: dict[str, Stage] = {
     "info": Stage(_info, _describe_info, _info_page, title="Logs", identifies=False),
     "steering": Stage(
@@ -205,6 +238,16 @@ STAGES: dict[str, Stage] = {
         settings=("evaluate", "split"),
         reads=_against,
         unmet=_unmet,
+    ),
+    "improve": Stage(
+        _improve,
+        _describe_improve,
+        _improve_page,
+        tables=("improve", "improve_held_out"),
+        record=_record_improve,
+        title="Improvement",
+        helped_by=("tyres", "steering"),
+        settings=("improve",),
     ),
 }
 """In the order in which they run; what a stage uses stands before it."""

@@ -64,7 +64,7 @@ def estimate_interval(estimate: Estimate) -> str:
 
 def unit_text(unit: str) -> str:
     """Show a unit; that of a plain number is a dash."""
-    return NONE if unit == "1" else unit.replace("^2", "²").replace("s^-1", "1/s")
+    return NONE if unit == "1" else unit.replace("^2", "²").replace("^3", "³").replace("s^-1", "1/s")
 
 
 def with_unit(value: float | None, unit: str, digits: int = 3) -> str:

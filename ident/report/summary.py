@@ -17,11 +17,24 @@ from ident.report.evaluated import (
     shown_error,
     standard,
 )
+from ident.report.improved import (
+    CHECKED,
+    added_names,
+    by_verdict,
+    effect_name,
+    shown_interval,
+    signals_of,
+    size_text,
+    taken,
+)
+from ident.report.improved import shown as shown_size
 from ident.report.numbers import (
+    NONE,
     angle,
     count,
     estimate_interval,
     estimate_value,
+    fixed,
     listed,
     p_value,
     percent,
@@ -48,6 +61,7 @@ from ident.results import (
     Estimate,
     EvaluateResult,
     Experiment,
+    ImproveResult,
     Requirement,
     SteeringModel,
     SteeringResult,
@@ -283,3 +297,75 @@ def _requirement_lines(found: Sequence[Requirement]) -> list[str]:
         told = "" if one.measured is None else f" {measured},"
         lines.append(f"requirement {verdict}: {plain(one.signal).replace('_', ' ')}{told} at most {limit}")
     return lines
+
+
+def describe_improve(result: ImproveResult) -> str:
+    """Say what the model lacked, the error before and after, what cannot be separated, what to do next.
+
+    Returns
+    -------
+    text : of a few lines, without control characters; the last line does not end with a line break
+    """
+    looked = " and ".join(result.layers) or "sensors alone"
+    lines = [plain(result.told), f"  began with: {plain(result.base)}; looked at: {looked}", ""]
+    lines += [*_error_lines(result), *_added_lines(result), *_sensor_lines(result)]
+    lines += _limited("refused", [f"{refusal.what}: {refusal.reason}" for refusal in result.refused])
+    lines += _limited("warning", result.warnings)
+    if result.not_testable:
+        names = listed([effect_name(one.what) for one in result.not_testable], 4)
+        lines.append(f"not tested: {plain(names)}")
+    if result.next_experiment:
+        lines += ["", f"next: {plain(result.next_experiment.drive)}"]
+    return "\n".join(lines)
+
+
+def _error_lines(result: ImproveResult) -> list[str]:
+    """Put the errors before and after, with the noise floor, into columns."""
+    signals, error = signals_of(result), result.error
+    if not signals:
+        return []
+    rows: list[tuple[str, ...]] = [
+        ("RMS, held out", "before", "after", "95 % interval", "noise floor", "gone", "unit")
+    ]
+    for name in signals:
+        gone = taken(result, name)
+        share = NONE if gone is None else f"{fixed(100 * gone, 0)} %"
+        sizes = [shown_size(name, one) for one in (error.before[name], error.after[name])]
+        noise, interval = shown_size(name, error.noise.get(name)), shown_interval(name, error.after[name])
+        rows.append((name.replace("_", " "), *sizes, interval or NONE, noise, share, signal_unit(name)[1]))
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    note = "  gone: of what is above the noise"
+    return [*("  " + _aligned(row, widths) for row in rows), note, ""]
+
+
+def _added_lines(result: ImproveResult) -> list[str]:
+    """Say what was added, of what size, what it cannot be told from, and whether held-out data confirm it."""
+    lines = []
+    for effect in result.effects:
+        sizes = [f"{name.replace('_', ' ')} {size_text(one)}" for name, one in effect.parameters.items()]
+        lines.append(
+            f"added: {plain(effect_name(effect.key))}, {'; '.join([*sizes, p_value(effect.p_value)])}"
+        )
+        others = [effect_name(one) for one in effect.members if one not in {effect.key, effect.name}]
+        lines += [f"  cannot be told from: {plain(', '.join(others))}"] if others else []
+    if result.discovered is not None:
+        term = f"{added_names(result)[-1]}, {size_text(result.discovered.coefficient)}"
+        lines.append(f"added without a name: {plain(term)}, {p_value(result.discovered.p_value)}")
+    if result.confirmation is not None:
+        said = "confirmed" if result.confirmation.confirmed else "NOT confirmed"
+        gain = size_text(result.confirmation.gain)
+        lines.append(
+            f"{said} on held-out data: {gain} log likelihood a sample ({plain(result.confirmation.how)})"
+        )
+    return lines
+
+
+def _sensor_lines(result: ImproveResult) -> list[str]:
+    """Count the checks of sensors, and say what those that differ mean."""
+    found = by_verdict(result.sensors)
+    told = [f"{one.name}: {one.meaning}" for one in found if one.verdict == "differs"]
+    counts = [
+        f"{number} {CHECKED[way][0]}" for way in CHECKED if (number := sum(s.verdict == way for s in found))
+    ]
+    lines = [f"sensors: {', '.join(counts)}"] if counts else []
+    return lines + _limited("sensor", told)

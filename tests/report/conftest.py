@@ -7,6 +7,7 @@ purpose: they come from a log, and a log is not to be trusted.
 from dataclasses import replace
 
 import evaluate_case as evaluation
+import improve_case as improvement
 import numpy as np
 import pandas as pd
 import pytest
@@ -403,3 +404,20 @@ def evaluate_case(steering_case):
     made = replace(provenance(evaluation.RUNS), command="ident evaluate sample_logs/")
     health = [run_health(name, 26.0) for name in evaluation.RUNS]
     return evaluation.build_result(table, made, health), {"evaluate": table}
+
+
+@pytest.fixture(scope="session")
+def improve_cases(steering_case):
+    """Name of a verdict -> the improvement and its tables; tests must not change them."""
+    tables = improvement.build_tables()
+    made = replace(provenance(improvement.RUNS), command="ident improve sample_logs/")
+    result = improvement.named(tables, made, [run_health(name, 24.0) for name in improvement.RUNS])
+    bare = {"improve": improvement.bare_table(tables["improve"])}
+    return {
+        "named": (result, tables),
+        "equivalent": (improvement.equivalent(result), tables),
+        "unexplained": (improvement.unexplained(result), tables),
+        "adequate": (improvement.adequate(result), bare),
+        "actuator": improvement.actuator_only(result),
+        "sensors": (improvement.sensors_only(result), {}),
+    }

@@ -8,8 +8,17 @@ package that imports rerun.
 """
 
 from ident.report.recording.evaluate import evaluate_part
+from ident.report.recording.improve import improve_part
 from ident.report.recording.parts import Part, recording_id, write_recording
 from ident.report.recording.steering import steering_part
 from ident.report.recording.tyres import tyres_part
 
-__all__ = ["Part", "evaluate_part", "recording_id", "steering_part", "tyres_part", "write_recording"]
+__all__ = [
+    "Part",
+    "evaluate_part",
+    "improve_part",
+    "recording_id",
+    "steering_part",
+    "tyres_part",
+    "write_recording",
+]
