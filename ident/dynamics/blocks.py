@@ -6,6 +6,8 @@ quantised value) and at a corner it is that of the branch on one side.
 
 from __future__ import annotations
 
+import math
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -128,3 +130,94 @@ def _play(
             for k in range(derivative.shape[1]):
                 derivative[i, k] = derivative[i - 1, k]
         out[i] = y
+
+
+def start_matters(values: Array, width: float) -> NDArray[np.bool_]:
+    """Whether what a play gives still depends on where in the play it began: until the input has moved by w.
+
+    values : (n,) input; width : w, in its unit -> (n,)
+    """
+    moved = np.maximum.accumulate(values) - np.minimum.accumulate(values)
+    return np.asarray(moved < width)
+
+
+def lagged(values: Array, rate: Array, steps: Array, offsets: NDArray[np.int64]) -> Array:
+    """First-order lag with a rate that changes, ẏ = k (u - y), from rest at the start of each segment.
+
+    Within a step u runs linearly and k is its mean: exact where k is constant.
+
+    Parameters
+    ----------
+    values : (n,) u; rate : (n,) k, positive [1/s]; steps : (n,) to the next value [s]
+    offsets : (s + 1,) first value of each segment, and n
+    """
+    out = np.empty(values.size)
+    bounds = np.asarray(offsets, dtype=np.int64)
+    _lagged(_contiguous(values), _contiguous(rate), _contiguous(steps), bounds, out)
+    return out
+
+
+def oscillating(
+    values: Array, frequency: float, damping: float, steps: Array, offsets: NDArray[np.int64]
+) -> Array:
+    """ÿ + 2 ζ ω ẏ + ω² y = ω² u, from rest at y = u at the start of each segment; u runs linearly in a step.
+
+    Parameters
+    ----------
+    values : (n,) u; frequency : ω [rad/s]; damping : ζ
+    steps : (n,) to the next value [s], short beside 1/ω; offsets : (s + 1,)
+    """
+    out = np.empty(values.size)
+    bounds = np.asarray(offsets, dtype=np.int64)
+    _oscillating(_contiguous(values), _contiguous(steps), bounds, frequency, damping, out)
+    return out
+
+
+def _contiguous(values: Array) -> Array:
+    return np.ascontiguousarray(values, dtype=np.float64)
+
+
+@numba.njit(
+    "void(float64[::1], float64[::1], float64[::1], int64[::1], float64[::1])",
+    cache=True,
+    error_model="numpy",
+)
+def _lagged(u: Array, rate: Array, steps: Array, offsets: NDArray[np.int64], out: Array) -> None:
+    """With x = k h: what lags behind a ramp is its slope over k, and the rest decays by exp(-x)."""
+    for segment in range(offsets.size - 1):
+        first, last = offsets[segment], offsets[segment + 1]
+        y = u[first] if last > first else 0.0
+        for i in range(first, last):
+            out[i] = y
+            if i + 1 < last:
+                x = 0.5 * (rate[i] + rate[i + 1]) * steps[i]
+                behind = (u[i + 1] - u[i]) / x
+                y = u[i + 1] - behind + (y - u[i] + behind) * math.exp(-x)
+
+
+@numba.njit(
+    "void(float64[::1], float64[::1], int64[::1], float64, float64, float64[::1])",
+    cache=True,
+    error_model="numpy",
+)
+def _oscillating(
+    u: Array, steps: Array, offsets: NDArray[np.int64], frequency: float, damping: float, out: Array
+) -> None:
+    """Runge-Kutta steps of order 4."""
+    square, friction = frequency * frequency, 2.0 * damping * frequency
+    for segment in range(offsets.size - 1):
+        first, last = offsets[segment], offsets[segment + 1]
+        y, v = (u[first], 0.0) if last > first else (0.0, 0.0)
+        for i in range(first, last):
+            out[i] = y
+            if i + 1 < last:
+                h, half = steps[i], 0.5 * (u[i] + u[i + 1])
+                k1 = square * (u[i] - y) - friction * v
+                v2 = v + 0.5 * h * k1
+                k2 = square * (half - y - 0.5 * h * v) - friction * v2
+                v3 = v + 0.5 * h * k2
+                k3 = square * (half - y - 0.5 * h * v2) - friction * v3
+                v4 = v + h * k3
+                k4 = square * (u[i + 1] - y - h * v3) - friction * v4
+                y += h / 6.0 * (v + 2.0 * (v2 + v3) + v4)
+                v += h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)

@@ -57,6 +57,11 @@ class Effect:
     meaning: str = ""
 
     @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the parameters that are not given, in order."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters, in order, those that are given last."""
         return tuple(parameter.name for parameter in (*self.parameters, *self.given))

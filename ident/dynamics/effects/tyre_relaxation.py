@@ -37,11 +37,13 @@ def shortest_length(speed: ArrayLike, step: float) -> float:
     return fastest * step / LARGEST_DECAY
 
 
-def lagging(force: NDArray[np.float64], speed: ArrayLike, length: float) -> NDArray[np.float64]:
-    """Ḟ of a force that is zero [N/s], from the static force (n,) [N] at these speeds [m/s]."""
+def rolling_rate(speed: ArrayLike, length: float) -> NDArray[np.float64]:
+    """Share of what is missing of a force that rolls in per second, |v|/σ [1/s].
+
+    speed : any shape [m/s]; length : [m]
+    """
     slow = np.abs(np.asarray(speed, dtype=np.float64))
-    along = np.where(slow > CRAWL, slow, (slow**2 + CRAWL**2) / (2 * CRAWL))
-    return np.asarray(along / length * force)
+    return np.asarray(np.where(slow > CRAWL, slow, (slow**2 + CRAWL**2) / (2 * CRAWL)) / length)
 
 
 def _state(axle: str) -> str:
