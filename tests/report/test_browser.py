@@ -8,6 +8,7 @@ from playwright.sync_api import sync_playwright
 
 from ident.report.html import write_report
 from ident.report.pages.evaluate import evaluate_page
+from ident.report.pages.improve import improve_page
 from ident.report.pages.info import info_page
 from ident.report.pages.steering import steering_page
 from ident.report.pages.tyres import tyres_page
@@ -246,3 +247,41 @@ def test_a_table_is_downloaded_as_csv_and_json_without_a_network(evaluate_visit)
         assert waited.value.suggested_filename == f"evaluate_models.{suffix}"
         assert waited.value.path().read_text(encoding="utf-8").startswith(begin)
     assert [url for url in evaluate_visit.asked if not url.startswith(("file:", "data:", "blob:"))] == []
+
+
+# --- improvement -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(
+    scope="module", params=["named", "equivalent", "unexplained", "adequate", "actuator", "sensors"]
+)
+def improve_visit(browser, improve_cases, tmp_path_factory, request):
+    pages = [improve_page(*improve_cases[request.param])]
+    opened = Visit(browser, write_report(tmp_path_factory.mktemp("report"), pages))
+    opened.case = request.param
+    yield opened
+    opened.tab.close()
+
+
+def test_the_first_screen_of_the_improvement_holds_verdict_errors_and_figure(improve_visit):
+    drawn = () if improve_visit.case == "sensors" else (".lead .figure .cartesianlayer",)
+    for selector in (".verdict", ".lead table", *drawn):
+        box = improve_visit.boxes(f"#improve {selector}")[0]
+        assert box["width"] > 400
+        assert box["y"] + box["height"] <= 900
+    table, holder = (improve_visit.boxes(f"#improve .lead {one}")[0] for one in ("table", ".table"))
+    assert table["width"] <= holder["width"] + 1
+
+
+def test_every_figure_of_the_improvement_is_drawn_and_nothing_is_said_or_executed(improve_visit):
+    counts = drawn_lines(improve_visit.tab, "#improve")
+    assert len(counts) >= {"sensors": 0, "adequate": 2}.get(improve_visit.case, 5)
+    bars = len(improve_visit.tab.query_selector_all("#improve-confirmation .barlayer .point"))
+    assert bars == {"actuator": 1, "adequate": 0, "sensors": 0}.get(improve_visit.case, 3)
+    assert sum(count == 0 for count in counts) == (bars > 0)  # bars are paths too short to be counted
+    assert improve_visit.said == []
+    assert improve_visit.tab.evaluate("window.injected") is None
+    assert improve_visit.tab.query_selector_all("main img") == []
+    assert "<img src=x onerror=" in improve_visit.tab.inner_text("#improve")
+    if improve_visit.case not in {"adequate", "sensors"}:
+        assert improve_visit.boxes("#improve-effect math mi")[0]["height"] > 5

@@ -347,7 +347,47 @@ def test_the_truck_of_an_evaluation_has_its_axles_where_they_are():
     assert outline_from({}).front_wheels[0, 0] == 2.3
 
 
-@pytest.mark.parametrize("name", ["written", "driven", "predicted"])
+# --- improvement -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def bettered(improve_cases, tmp_path_factory):
+    path = tmp_path_factory.mktemp("recording") / "run.rrd"
+    write(path, recording.improve_part(*improve_cases["named"]))
+    return path
+
+
+def test_the_residual_is_there_before_and_after_with_when_the_effect_acts(bettered, improve_cases):
+    found = columns(bettered)
+    for run, rows in improve_cases["named"][1]["improve"].groupby("run"):
+        root = parts.origin("improve", run)
+        for way in ("before", "after"):
+            known = rows.dropna(subset="lateral_velocity_measured")
+            values = found[f"{root}/lateral_velocity/residual/{way}"][1]
+            expected = known["lateral_velocity_measured"] - known[f"lateral_velocity_{way}"]
+            np.testing.assert_allclose(values[np.isfinite(values)], expected)
+            np.testing.assert_allclose(found[f"{root}/yaw_rate/{way}"][1], rows[f"yaw_rate_{way}"])
+        np.testing.assert_allclose(found[f"{root}/activity"][1], rows["activity"])
+
+
+def test_the_improvement_opens_on_the_run_in_which_the_effect_acts_most(bettered, improve_cases):
+    result, tables = improve_cases["named"]
+    mean = tables["improve"].groupby("run")["activity"].mean().sort_values(ascending=False)
+    tabs = [tab.name for tab in recording.improve_part(result, tables).tabs]
+    assert tabs == [shorten(run, 40) for run in mean.index]
+    shown = {*tabs, "yaw rate [rad/s]", "yaw rate, residual [rad/s]", "effect acts [–]", "result"}
+    assert shown <= set(views(bettered))
+
+
+@pytest.mark.parametrize("case", ["adequate", "actuator", "sensors"])
+def test_an_improvement_of_little_is_recorded(improve_cases, tmp_path, case):
+    write(tmp_path / "a.rrd", recording.improve_part(*improve_cases[case]))
+    found = views(tmp_path / "a.rrd")
+    assert ("effect acts [–]" in found) is (case == "actuator")
+    assert (found == ["result"]) is (case == "sensors")
+
+
+@pytest.mark.parametrize("name", ["written", "driven", "predicted", "bettered"])
 def test_rerun_itself_accepts_the_file(name, request):
     tool = Path(sys.executable).with_name("rerun")
     if not tool.exists():

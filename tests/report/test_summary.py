@@ -5,6 +5,7 @@ from tyre_case import NO_PEAK
 
 from ident.report.summary import (
     describe_evaluate,
+    describe_improve,
     describe_steering,
     describe_tyres,
     experiment_lines,
@@ -190,3 +191,48 @@ def test_the_columns_are_those_of_the_signals_that_were_compared(evaluate_case):
     assert "lateral velocity [m/s]" in head
     assert "yaw rate" not in head
     assert "position" not in head
+
+
+# --- improvement -----------------------------------------------------------------------------------------
+
+
+def test_the_improvement_tells_errors_effect_sensors_and_what_to_drive(improve_cases):
+    result = improve_cases["named"][0]
+    lines = describe_improve(result).splitlines()
+    assert lines[0] == result.told
+    assert lines[1] == "  began with: linear tyres; looked at: motion"
+    yaw_rate = next(line for line in lines if line.startswith("  yaw rate")).split()
+    before, after = (1e3 * size["yaw_rate"].value for size in (result.error.before, result.error.after))
+    assert yaw_rate[2:4] == [f"{before:.3g}", f"{after:.3g}"]
+    assert yaw_rate[-4:] == ["1.50", "91", "%", "mrad/s"]
+    assert "added: tyre relaxation, length 0.560 (0.501 … 0.619) m; p < 0.001" in lines
+    assert (
+        "confirmed on held-out data: 0.310 (0.232 … 0.388) log likelihood a sample (leave one run out)"
+        in lines
+    )
+    assert "sensors: 1 differs, 1 agrees, 1 not testable" in lines
+    assert any(line.startswith("sensor: position speed against wheel speed") for line in lines)
+    assert "not tested: grade, trailer" in lines
+    assert lines[-1] == "next: a sine sweep to 2 Hz at 4 m/s"
+
+
+def test_a_class_and_a_term_without_a_name_are_told(improve_cases):
+    text = describe_improve(improve_cases["equivalent"][0])
+    assert "  cannot be told from: sensor latency of the yaw rate" in text.splitlines()
+    text = describe_improve(improve_cases["unexplained"][0])
+    assert "added without a name: r|r| in the yaw moment, −91000" in text
+
+
+def test_an_improvement_that_is_not_confirmed_or_tested_says_so(improve_cases):
+    assert "NOT confirmed on held-out data" in describe_improve(improve_cases["actuator"][0])
+    text = describe_improve(improve_cases["sensors"][0])
+    assert "looked at: sensors alone" in text
+    assert "RMS" not in text
+
+
+def test_no_control_character_of_an_improvement_reaches_the_terminal(improve_cases):
+    result = improve_cases["named"][0]
+    hostile = replace(result, told="a\x1b[2J", base="\x07", refused=[Refusal("x\n", "next: y")])
+    text = describe_improve(hostile)
+    assert not {"\x1b", "\x07"} & set(text)
+    assert sum(line.startswith("next: ") for line in text.splitlines()) == 1

@@ -70,12 +70,11 @@ def _verdict(result: ImproveResult) -> Verdict:
 
 def _lead(result: ImproveResult, table: pd.DataFrame | None) -> list[Block]:
     told: list[Block] = [tables_of.key_figures(result), Code(result.provenance.command)]
-    first: list[Block] = [tables_of.errors(result)]
     if not signals_of(result):
         said = "No model could be compared with these data; only the sensors were."
-        first = [Text(said, "caution"), tables_of.sensors(result.sensors)]
+        return [Text(said, "caution"), tables_of.sensors(result.sensors), *told]
     drawn = figures.lead_figure(result, table)
-    return [Columns([first, told], wide=1.55), *([drawn] if drawn else [])]
+    return [Columns([[tables_of.errors(result)], told], wide=1.55), *([drawn] if drawn else [])]
 
 
 def _effects(result: ImproveResult) -> list[Block]:
