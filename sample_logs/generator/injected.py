@@ -33,7 +33,7 @@ OF = {"sensor_latency": YAW_RATE, "sensor_bias": YAW_RATE, "sensor_filter": ACRO
 
 OUTSIDE: dict[str, dict[str, float]] = {
     # actuator, at the steering wheel
-    "steering_friction": {"band": 0.08},  # [rad] held back while at rest; two thirds of it while moving
+    "steering_friction": {"band": 0.08},  # [rad] held back while at rest; less while moving
     "steering_resonance": {"frequency": 18.0, "damping": 0.35},  # [rad/s], [-] in place of the second lag
     "command_quantisation": {"step": 0.05},  # [rad]
     "command_hold": {"probability": 0.05},

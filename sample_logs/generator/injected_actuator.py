@@ -22,7 +22,8 @@ from .truth import Actuator
 Array = NDArray[np.float64]
 
 FULL_SPEED = 12.0  # [m/s] from which the actuator no longer depends on the speed
-KINETIC = 2.0 / 3.0  # friction while moving over friction at rest
+KINETIC = 0.25  # friction while moving over friction at rest
+ARREST = 0.5  # pull at which a moving wheel comes to rest, over friction at rest
 
 
 def wheel_angle(
@@ -159,19 +160,21 @@ def _limited(
     distance = first - target
     if abs(slow - fast) < 1e-9:
         forced = distance * (1.0 + step / fast) * np.exp(-step / fast)
-        return target + forced + (angle - first) * np.exp(-step / fast)
-    share = slow / (slow - fast) * distance
-    decay_slow, decay_fast = np.exp(-step / slow), np.exp(-step / fast)
-    return target + share * decay_slow + (angle - target - share) * decay_fast
+        free = target + forced + (angle - first) * np.exp(-step / fast)
+    else:
+        share = slow / (slow - fast) * distance
+        decay_slow, decay_fast = np.exp(-step / slow), np.exp(-step / fast)
+        free = target + share * decay_slow + (angle - target - share) * decay_fast
+    return angle + min(max(free - angle, -limit * step), limit * step)
 
 
 @njit(cache=True)
 def _sticking(
     first: float, angle: float, step: float, fast: float, band: float, stuck: bool
 ) -> tuple[float, bool]:
-    """Second lag with Coulomb friction: it breaks loose at ``band`` and comes to rest at less."""
+    """Second lag with Coulomb friction: it breaks loose at ``band`` and rests again at less."""
     pull = first - angle
-    if abs(pull) <= (band if stuck else KINETIC * band):
+    if abs(pull) <= (band if stuck else ARREST * band):
         return angle, True
     goal = first - np.sign(pull) * KINETIC * band
     return goal + (angle - goal) * np.exp(-step / fast), False
