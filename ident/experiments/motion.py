@@ -42,6 +42,7 @@ class MotionSettings:
     rate : of the grid of the simulation [1/s]; max_gap : longest stretch without samples that is bridged [s]
     window, shortest : length of a window, about and at least [s]
     least_speed : below which nothing is used: tyre models say nothing at crawling [m/s]
+    refuse_late : whether a signal later than the others by 0.1 s is left out; not where its lag is looked for
     """
 
     rate: float = 100.0
@@ -49,6 +50,7 @@ class MotionSettings:
     window: float = 10.0
     shortest: float = 3.0
     least_speed: float = 3.0
+    refuse_late: bool = True
 
 
 @dataclass(frozen=True)
@@ -139,7 +141,10 @@ def _with_inputs(run: Run, steering: Input, speed: Input, how: MotionSettings) -
     grid = np.arange(int(np.floor(run.duration * how.rate)) + 1) / how.rate
     angle, velocity = (each.at(grid, how.rate, how.max_gap) for each in (steering, speed))
     findings = check_plausibility(
-        run, _as_signal(INPUTS[0], grid, angle), _as_signal(INPUTS[1], grid, velocity)
+        run,
+        _as_signal(INPUTS[0], grid, angle),
+        _as_signal(INPUTS[1], grid, velocity),
+        refuse_late=how.refuse_late,
     )
     wrong = refused(findings)
     for name in INPUTS:

@@ -15,7 +15,8 @@ each of the others: who disagrees alone is wrong; if all disagree the yaw rate i
 nothing tells which of the two is wrong.
 
 A signal that is later than the others by 0.1 s for certain is not used either: a late yaw rate looks like a
-slow vehicle. Nothing is shifted: only what the settings state as a latency is taken out.
+slow vehicle. Who looks for lags in the fit itself keeps it (``refuse_late``). Nothing is shifted: only what
+the settings state as a latency is taken out.
 """
 
 from __future__ import annotations
@@ -53,12 +54,15 @@ LATE_DOUBTED, LATE_REFUSED = 0.03, 0.1  # [s]
 MAY_BE_LATE = ("yaw_rate", "lateral_acceleration", "position")
 
 
-def check_plausibility(run: Run, steering: Signal, speed: Signal) -> list[Finding]:
+def check_plausibility(
+    run: Run, steering: Signal, speed: Signal, *, refuse_late: bool = True
+) -> list[Finding]:
     """Compare the signals of a run that must agree.
 
     Parameters
     ----------
     steering : road-wheel angle [rad]; speed : [m/s], forward positive
+    refuse_late : False: a late signal is doubted, however late it is
 
     Returns
     -------
@@ -68,7 +72,7 @@ def check_plausibility(run: Run, steering: Signal, speed: Signal) -> list[Findin
     moving = translation(scene)
     if "speed" in refused(moving):
         return moving
-    findings = [*_turning(scene), *moving, *lateral_velocity(scene), *_late(run)]
+    findings = [*_turning(scene), *moving, *lateral_velocity(scene), *_late(run, refuse_late=refuse_late)]
     return [_with_derivative(each) for each in findings] if yaw_rate_is_derived(run) else findings
 
 
@@ -228,7 +232,7 @@ def _times(ratio: float) -> str:
     return "opposite to" if -2 < ratio < -0.5 else f"{ratio:.3g} times"
 
 
-def _late(run: Run) -> list[Finding]:
+def _late(run: Run, *, refuse_late: bool) -> list[Finding]:
     """Signals that are late for certain."""
     findings = []
     for each in run.health.latencies:
@@ -243,7 +247,7 @@ def _late(run: Run) -> list[Finding]:
             continue
         if abs(delay) < max(LATE_DOUBTED, 5 * std):
             continue
-        late = abs(delay) > LATE_REFUSED
+        late = refuse_late and abs(delay) > LATE_REFUSED
         verdict: Verdict = "refused" if late else "warning"
         limit = LATE_REFUSED if late else LATE_DOUBTED
         text = (

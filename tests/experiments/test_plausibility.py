@@ -185,3 +185,15 @@ def test_what_is_refused_does_not_reach_the_windows() -> None:
     told = motion_run(changed(truck_run(), steering_wheel_angle=times(-1)))
     assert isinstance(told, str)
     assert "invert: true" in told
+
+
+def test_a_late_signal_is_kept_where_its_lag_is_looked_for() -> None:
+    run = truck_run()
+    late = Latency("yaw_rate", "heading", Estimate(0.31, 0.005, 0.30, 0.32, "s"))
+    run = replace(run, health=replace(run.health, latencies=[late]))
+    dropped, kept = (motion_run(run, settings=MotionSettings(refuse_late=refuse)) for refuse in (True, False))
+    assert isinstance(dropped, MotionRun)
+    assert isinstance(kept, MotionRun)
+    assert all("yaw_rate" not in window.measurements for window in dropped.windows)
+    assert all("yaw_rate" in window.measurements for window in kept.windows)
+    assert any(each.verdict == "warning" and "0.31 s late" in each.text for each in kept.findings)
