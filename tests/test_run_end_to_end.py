@@ -56,7 +56,7 @@ def first(place: Path) -> Result:
 
 def test_every_stage_answers_and_keeps_its_contract(first: Result, place: Path) -> None:
     assert first.exit_code == 0, first.output
-    assert states(first) == dict.fromkeys(("info", "steering", "tyres", "evaluate"), "done")
+    assert states(first) == dict.fromkeys(("info", "steering", "tyres", "evaluate", "improve"), "done")
     for stage in states(first):
         schema = read(ROOT / "docs" / "schema" / f"{stage}.schema.json")
         jsonschema.Draft202012Validator(schema).validate(read(place / "out" / f"{stage}.json"))

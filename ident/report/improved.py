@@ -23,7 +23,7 @@ from ident.glossary import SIGNALS
 from ident.report.condense import Array, Line, broken, contiguous
 from ident.report.numbers import NONE, estimate_interval, estimate_value, significant, unit_text
 from ident.report.page import Tone
-from ident.report.tyre_parameters import DISPLAYED, displayed, in_order, signal_unit
+from ident.report.tyre_parameters import DISPLAYED, ERRORS, displayed, in_order, signal_unit
 from ident.results import (
     Candidate,
     CheckVerdict,
@@ -185,7 +185,7 @@ def _mean_activity(rows: pd.DataFrame) -> float:
 def compared_signals(rows: pd.DataFrame) -> list[str]:
     """Name the signals of a run that were measured and modelled at the same time at least once."""
     names = [str(name).removesuffix("_after") for name in rows.columns if str(name).endswith("_after")]
-    return in_order(name for name in names if name in SIGNALS and _overlaps(rows, name))
+    return in_order(name for name in names if (name in SIGNALS or name in ERRORS) and _overlaps(rows, name))
 
 
 def _overlaps(rows: pd.DataFrame, signal: str) -> bool:
@@ -194,8 +194,19 @@ def _overlaps(rows: pd.DataFrame, signal: str) -> bool:
 
 
 def line_of(rows: pd.DataFrame, signal: str, way: str) -> Line:
-    """Give a signal of a run as measured, before or after."""
-    return _line(rows, column(rows, f"{signal}_{way}"))
+    """Give a signal of a run as measured, before or after, positions from the first one measured."""
+    return _line(rows, column(rows, f"{signal}_{way}") - _begin(rows, signal))
+
+
+def _begin(rows: pd.DataFrame, signal: str) -> float:
+    known = column(rows, f"{signal}_measured")
+    known = known[np.isfinite(known)]
+    return float(known[0]) if known.size and signal.startswith("position_") else 0.0
+
+
+def unit_of(signal: str) -> str:
+    """Give the SI unit of a signal as it is shown."""
+    return unit_text(SIGNALS[signal].unit) if signal in SIGNALS else "m"
 
 
 def residual_of(rows: pd.DataFrame, signal: str, way: str) -> Line:

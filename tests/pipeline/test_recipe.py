@@ -76,6 +76,15 @@ def test_the_inputs_are_those_of_the_recipe(folder: Path) -> None:
         ("steering: {nonsense: 1}", "unknown key 'steering.nonsense': "),
         ("align: {rate: 1 s}", "align.rate: unit 's' does not fit"),
         ("align: {rate: 100}", "align.rate: '100' is no quantity with a unit, need such as '1 Hz'"),
+        (
+            "improve: {effects: [tyre_relaxatoin]}",
+            "improve.effects: unknown effect 'tyre_relaxatoin': did you mean 'tyre_relaxation'?",
+        ),
+        (
+            "improve: {level: 0.001, draws: 500}",
+            "improve: level 0.001 with 500 draws: no p-value can be below 1/501, need draws: 1000 or more",
+        ),
+        ("improve: {block: 0 s}", "improve.block: '0 s' is not positive"),
         ("seed: one", "seed: input should be a valid integer"),
         ("steering: 5", "steering: input should be"),
         ("channels: 5", "channels: input should be"),

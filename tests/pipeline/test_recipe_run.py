@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from ident.pipeline.run import Outcome, run_recipe, run_stage
 from ident.pipeline.stages import STAGES, Stage
 from ident.pipeline.store import RESULTS, Store
 from ident.report.page import Page, Verdict
-from ident.results import SCHEMA_VERSION, InfoResult, Provenance
+from ident.results import SCHEMA_VERSION, ErrorComparison, ImproveResult, InfoResult, Provenance
 from ident.stages.inputs import SplitSettings
 from ident.stages.output import Context, StageOutput
 
@@ -124,10 +124,13 @@ def test_settings_of_one_stage_run_that_stage_and_those_that_use_it(fakes: dict[
     computed(fakes)
     recipe("tyres: {least_speed: 4 m/s}")
     assert "tyres: done, the settings changed" in go().summary
-    assert computed(fakes) == ["tyres", "evaluate"]
+    assert computed(fakes) == ["tyres", "evaluate", "improve"]
     recipe("tyres: {least_speed: 4 m/s}\nevaluate: {tolerance: 0.2}")
     assert "evaluate: done, the settings changed" in go().summary
     assert computed(fakes) == ["evaluate"]
+    recipe("tyres: {least_speed: 4 m/s}\nevaluate: {tolerance: 0.2}\nimprove: {most_effects: 2}")
+    assert "improve: done, the settings changed" in go().summary
+    assert computed(fakes) == ["improve"]
     go(seed=7)
     assert computed(fakes) == list(STAGES)
 
@@ -223,10 +226,44 @@ def test_what_needs_a_stage_that_cannot_answer_cannot_either(fakes: dict[str, Fa
     assert outcome.error is None
 
 
+@pytest.mark.parametrize("missing", ["tyres", "steering"])
+def test_the_improvement_takes_the_tyres_or_the_steering_alone(fakes: dict[str, Fake], missing: str) -> None:
+    fakes[missing].refuses = "no motion"
+    outcome = go()
+    assert states(outcome)["improve"] == "done"
+    given = fakes["improve"].calls[0][1]
+    assert [name for name, result in given.items() if result is None] == [missing]
+    assert set(given) == {"tyres", "steering"}
+    assert outcome.error is None
+
+
+def test_the_improvement_alone_brings_tyres_and_steering_up_to_date(fakes: dict[str, Fake]) -> None:
+    outcome = run_stage("improve", [Path("logs")], RunOptions(out=OUT), lambda *_: None)
+    assert computed(fakes) == ["steering", "tyres", "improve"]
+    assert outcome.report == OUT / "index.html"
+    assert json.loads(outcome.json)["warnings"] == ["improve of tyres", "improve of steering"]
+
+
+def test_the_line_that_is_told_of_the_improvement_is_its_own(
+    fakes: dict[str, Fake], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = Provenance(ident.__version__, "ident run", 0, "2025-10-09T12:00:00+00:00")
+    told = "Adequate: nothing is left that these data tell (p = 0.41)."
+    result = ImproveResult(
+        *(SCHEMA_VERSION, made, "adequate", told, "linear tyres", ["motion"], [], [], None, [], [], {}, None),
+        *(ErrorComparison({}, {}, {}, "none"), None, [], [], [], []),
+    )
+    monkeypatch.setitem(RESULTS, "improve", ImproveResult)
+    monkeypatch.setattr(fakes["improve"], "run", lambda *_: StageOutput(result))
+    monkeypatch.setitem(STAGES, "improve", replace(STAGES["improve"], run=fakes["improve"].run))
+    assert f"Improvement: {told}" in go().summary
+
+
 def test_where_nothing_is_identified_the_end_is_4_and_what_can_be_said_is_shown(
     fakes: dict[str, Fake],
 ) -> None:
-    fakes["steering"].refuses = fakes["tyres"].refuses = "no motion"
+    for name in ("steering", "tyres", "improve"):
+        fakes[name].refuses = "no motion"
     outcome = go()
     assert isinstance(outcome.error, NotIdentifiable)
     assert outcome.report.is_file()

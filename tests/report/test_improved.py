@@ -87,6 +87,23 @@ def test_layers_with_times_of_their_own_share_a_run():
     assert improved.activity_of(rows).time.size == 0
 
 
+def test_positions_are_counted_from_the_first_one_measured():
+    rows = pd.DataFrame(
+        {
+            "run": "a",
+            "time": [0.0, 1.0, 2.0],
+            "position_across_measured": [np.nan, 5e6, 5e6 + 2.0],
+            "position_across_before": [5e6, 5e6, 5e6],
+            "position_across_after": [5e6 - 1.0, 5e6, 5e6 + 1.5],
+        }
+    )
+    assert improved.compared_signals(rows) == ["position_across"]
+    assert improved.line_of(rows, "position_across", "measured").value.tolist() == [0.0, 2.0]
+    assert improved.line_of(rows, "position_across", "after").value.tolist() == [-1.0, 0.0, 1.5]
+    assert improved.residual_of(rows, "position_across", "after").value.tolist() == [0.0, 0.5]
+    assert improved.unit_of("position_across") == "m"
+
+
 def test_a_signal_without_a_known_name_is_not_drawn():
     rows = pd.DataFrame({"run": "a", "time": [0.0], "<b>_measured": [1.0], "<b>_after": [1.0]})
     assert improved.compared_signals(rows) == []

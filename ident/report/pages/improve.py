@@ -96,7 +96,7 @@ def _nothing(result: ImproveResult) -> str:
 
 
 def _effect(effect: FoundEffect) -> list[Block]:
-    head = f"{effect_name(effect.key)}, in the {place_name(effect.enters)}:"
+    head = f"{effect_name(effect.key)} (enters at the {place_name(effect.enters)}):"
     same = effect.same_in_runs_p
     told = [
         (head, effect.meaning),

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ident.glossary import SIGNALS
 from ident.report import figures, shades
 from ident.report.condense import Array, Line, spread_out, thinned
 from ident.report.improved import (
@@ -28,6 +27,7 @@ from ident.report.improved import (
     ranked,
     residual_of,
     signals_of,
+    unit_of,
 )
 from ident.report.numbers import shorten, unit_text
 from ident.report.page import Figure
@@ -338,7 +338,7 @@ def run_figure(rows: pd.DataFrame, runs: int) -> Figure | None:
 
 def _signal_panels(rows: pd.DataFrame, signal: str, bins: int) -> list[figures.Panel]:
     factor, small = signal_unit(signal)
-    unit = unit_text(SIGNALS[signal].unit)
+    unit = unit_of(signal)
     widths = {"measured": 2.6, "before": 1.2, "after": 1.4}
     above = [
         figures.line(thinned(line_of(rows, signal, way), bins), ROLES[way], way, unit=unit, width=width)

@@ -8,7 +8,6 @@ import pandas as pd
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ident.glossary import SIGNALS
 from ident.report.condense import Line
 from ident.report.improved import (
     ROLES,
@@ -19,8 +18,9 @@ from ident.report.improved import (
     main_signal,
     residual_of,
     runs_in,
+    unit_of,
 )
-from ident.report.numbers import plain, shorten, unit_text
+from ident.report.numbers import plain, shorten
 from ident.report.recording.parts import MOST_TABS, Part, log_style, origin, send, series
 from ident.report.summary import describe_improve
 from ident.results import ImproveResult
@@ -68,7 +68,7 @@ def _log_style(recording: rr.RecordingStream, entity: str, line: str) -> None:
         log_style(recording, entity, ROLES[ACTIVITY], "effect acts [–]", 1.5)
         return
     signal, *_, way = line.split("/")
-    told = f"{way} [{unit_text(SIGNALS[signal].unit)}]"
+    told = f"{way} [{unit_of(signal)}]"
     log_style(recording, entity, ROLES[way], told, 2.5 if way == "measured" else 1.5)
 
 
@@ -80,7 +80,7 @@ def _tab(result: ImproveResult, run: str, rows: pd.DataFrame) -> rrb.Vertical:
     signals = sorted(compared_signals(rows), key=lambda name: name != first)[:MOST_SIGNALS]
     views, shares = [], []
     for signal in signals:
-        name, unit = signal.replace("_", " "), unit_text(SIGNALS[signal].unit)
+        name, unit = signal.replace("_", " "), unit_of(signal)
         own = {key: line for key, line in lines.items() if key.startswith(f"{signal}/")}
         left = {key: own.pop(key) for key in list(own) if "/residual/" in key}
         if signal == signals[0]:
