@@ -14,8 +14,9 @@ creeps on level ground: a tyre then resists sliding like a damper.
 
 What effects may change, in the order in which it is passed: longitudinal_velocity, road_wheel_angle,
 front_slip_angle, rear_slip_angle, load_shifting_acceleration (from the axles' force curves), then for each
-axle front_lateral_force (its static force) and front_tyre_force (that of the moment), felt_force (of tyres
-and air), lateral_force (with gravity), yaw_moment, measured_<signal>.
+axle front_working_slip (where its curve is read), front_lateral_force (its static force) and front_tyre_force
+(that of the moment), felt_force (of tyres and air), lateral_force (with gravity), yaw_moment,
+measured_<signal>.
 """
 
 from __future__ import annotations
@@ -121,12 +122,7 @@ def lateral_dynamics(ports: Ports, front: str, rear: str) -> Lateral:
     rear_wheel = wheel_velocity(*_velocity_at(known, -l_r), sympy.Integer(0))
     slip_f = ports.through("front_slip_angle", slip_angle(*_as_named(ports, "front", front_wheel)))
     slip_r = ports.through("rear_slip_angle", slip_angle(*_as_named(ports, "rear", rear_wheel)))
-    load = known["mass"] * GRAVITY / (l_f + l_r)
-    curves = (
-        TYRES[front].force_at("front", slip_f, load * l_r),
-        TYRES[rear].force_at("rear", slip_r, load * l_f),
-    )
-    force_f, force_r = _axle_forces(ports, curves, angle)
+    force_f, force_r = _axle_forces(ports, (front, rear), (slip_f, slip_r), angle)
     across = force_f * sympy.cos(angle)
     felt = ports.through("felt_force", across + force_r)
     ports.named("felt_acceleration", felt / known["mass"])
@@ -136,15 +132,34 @@ def lateral_dynamics(ports: Ports, front: str, rear: str) -> Lateral:
     return Lateral(angle, (slip_f, slip_r), (force_f, force_r), felt, lateral_force, turning)
 
 
-def _axle_forces(ports: Ports, curves: tuple[Expr, Expr], angle: Expr) -> tuple[Expr, Expr]:
-    """Forces front and rear after the effects, which at either axle may look at the curves of both."""
-    front, rear = (ports.named(f"{axle}_curve_force", c) for axle, c in zip(AXLES, curves, strict=True))
-    shifting = (front * sympy.cos(angle) + rear) / ports.known["mass"]
-    ports.through("load_shifting_acceleration", shifting)
+def _axle_forces(
+    ports: Ports, kinds: tuple[str, str], slips: tuple[Expr, Expr], angle: Expr
+) -> tuple[Expr, Expr]:
+    """Forces front and rear after the effects.
+
+    The curves at the slip angles themselves are there for effects that need a force to begin with; no code
+    comes of them in a model without such an effect.
+    """
+    axles = list(zip(AXLES, kinds, slips, strict=True))
     front, rear = (
-        ports.through(f"{axle}_lateral_force", c) for axle, c in zip(AXLES, (front, rear), strict=True)
+        ports.named(f"{axle}_curve_force", _curve(ports, axle, kind, s)) for axle, kind, s in axles
     )
-    return ports.through("front_tyre_force", front), ports.through("rear_tyre_force", rear)
+    ports.through("load_shifting_acceleration", (front * sympy.cos(angle) + rear) / ports.known["mass"])
+    working = [(axle, kind, ports.through(f"{axle}_working_slip", s)) for axle, kind, s in axles]
+    static = [
+        (axle, ports.through(f"{axle}_lateral_force", _curve(ports, axle, kind, slip)))
+        for axle, kind, slip in working
+    ]
+    front, rear = (ports.through(f"{axle}_tyre_force", force) for axle, force in static)
+    return front, rear
+
+
+def _curve(ports: Ports, axle: str, kind: str, slip: Expr) -> Expr:
+    """Force of an axle at a slip angle, its load that at rest."""
+    known = ports.known
+    l_f, l_r = known["cg_to_front_axle"], known["cg_to_rear_axle"]
+    load = known["mass"] * GRAVITY / (l_f + l_r) * (l_r if axle == "front" else l_f)
+    return TYRES[kind].force_at(axle, slip, load)
 
 
 def wheel_velocity(along: Expr, across: Expr, angle: Expr) -> tuple[Expr, Expr]:

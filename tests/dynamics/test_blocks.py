@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ident.dynamics.blocks import delayed, held, play, quantised, ratio_map
+from ident.dynamics.blocks import delayed, held, play, quantised, ratio_map, start_matters
 
 TIME = np.linspace(0.0, 6.0, 601)
 WAVE = np.sin(2.0 * TIME) * (1 + 0.2 * TIME)
@@ -90,6 +90,24 @@ def test_play_of_the_mirrored_input_is_the_mirror(values: list[float], width: fl
     mirrored, of_mirrored = play(-np.array(values), width)
     assert np.array_equal(mirrored, -out)
     assert np.array_equal(of_mirrored, -derivative)
+
+
+@given(
+    st.lists(st.floats(-1, 1), min_size=1, max_size=40),
+    st.floats(0.01, 1),
+    st.floats(-1, 1),
+    st.floats(-1, 1),
+)
+def test_where_a_play_began_no_longer_matters_once_its_input_has_moved_by_its_width(
+    values: list[float], width: float, one: float, other: float
+) -> None:
+    given_values = np.array(values)
+    outputs = [
+        play(given_values, width, start=values[0] + side * width / 2)[0] for side in (one, other, -1.0, 1.0)
+    ]
+    matters = start_matters(given_values, width)
+    assert np.ptp([out[~matters] for out in outputs], axis=0) == pytest.approx(0.0, abs=1e-12)
+    assert np.all((outputs[3] - outputs[2])[start_matters(given_values, width - 1e-9)] > 0)
 
 
 def test_play_of_nothing_is_nothing() -> None:

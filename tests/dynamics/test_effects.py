@@ -30,7 +30,7 @@ WIND = Effect(
     "Y",
     tuple(Parameter(name, "N", -1e4, 1e4, 2e3, name) for name in ("wind_force", "wind_moment")),
     {
-        "lateral_force": lambda force, _: force + symbol("wind_force"),
+        "felt_force": lambda force, _: force + symbol("wind_force"),
         "yaw_moment": lambda moment, _: moment + symbol("wind_moment"),
     },
 )
@@ -87,7 +87,7 @@ def test_compliance_acts_as_a_softer_axle() -> None:
         assert found[name] == pytest.approx(expected[name], rel=1e-9, abs=1e-12)
 
 
-def test_wind_pushes_and_turns_and_the_accelerometer_at_the_centre_does_not_tell_it_from_a_bank() -> None:
+def test_wind_pushes_and_turns_and_the_accelerometer_feels_it_and_not_a_bank() -> None:
     found = evaluated(
         bicycle("linear", "linear", effects=(WIND,)), VALUES | {"wind_force": 900.0, "wind_moment": 300.0}
     )
@@ -96,6 +96,12 @@ def test_wind_pushes_and_turns_and_the_accelerometer_at_the_centre_does_not_tell
     turned = found["rate yaw_rate"] - still["rate yaw_rate"]
     assert pushed == pytest.approx(900.0 / BODY["mass"], rel=1e-6)
     assert turned == pytest.approx(300.0 / BODY["yaw_inertia"], rel=1e-6)
+    read = "output lateral_acceleration"
+    assert found[read] - still[read] == pytest.approx(900.0 / BODY["mass"], rel=1e-6)
+    banked = evaluated(
+        bicycle("linear", "linear", effects=(ROAD_BANK,)), VALUES | {"bank_cos": 0.1, "bank_sin": 0}
+    )
+    assert banked[read] == pytest.approx(still[read], rel=1e-9)
 
 
 def test_effects_compose() -> None:

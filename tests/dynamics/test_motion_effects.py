@@ -104,9 +104,12 @@ def test_a_model_with_effects_moves_as_a_truck_that_was_integrated_by_hand(case:
     found = driven(engine, angle, speed, values)
     expected = EffectTruck(magic(3.3e5), magic(4e5), **by_hand).drive(angle, speed, STEP)
     plain = EffectTruck(magic(3.3e5), magic(4e5)).drive(angle, speed, STEP)
+    # Which load the forces of the moment shift is found in closed form, for curves that are straight.
+    closed = "sensitivity" in by_hand and "length" not in by_hand
     for name in (*SIGNALS, "roll_angle", "roll_rate"):
-        size = np.max(np.abs(expected[name]))
-        assert np.max(np.abs(found[name] - expected[name])) <= 1e-9 * size, name
+        wrong = np.max(np.abs(found[name] - expected[name]))
+        effect = np.max(np.abs(expected[name] - plain[name]))
+        assert wrong <= (0.008 * effect if closed else 1e-9 * np.max(np.abs(expected[name]))), name
     assert max(np.max(np.abs(plain[n] - expected[n])) / np.ptp(plain[n]) for n in SIGNALS) > 0.01
 
 
@@ -205,11 +208,12 @@ def test_load_transfer_changes_the_understeer_by_where_the_load_is_shifted(share
 
 
 def test_no_more_than_the_sensitivity_is_lost_where_the_inner_wheels_lift() -> None:
+    """Stiffness, that is: friction stays as it is."""
     values = NONE | SHIFTED | {"load_transfer.height_over_track": 1.4, "load_transfer.front_share": 1.0}
     angle, speed = np.full(800, 0.2), np.full(800, 10.0)
     drive = driven(engine_of(*STATIC), angle, speed, values)
     slip = drive["front_slip_angle"][-1]
-    assert drive["front_static_force"][-1] == pytest.approx(0.6 * magic(3.3e5)(slip), rel=1e-9)
+    assert drive["front_static_force"][-1] == pytest.approx(magic(3.3e5)(0.6 * slip), rel=1e-9)
 
 
 # --- roll --------------------------------------------------------------------------------------------

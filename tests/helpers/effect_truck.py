@@ -54,18 +54,20 @@ class EffectTruck:
     def static(self, state: list[float], angle: float, speed: float) -> tuple[float, float]:
         """Static forces of the axles; the shift of load is found by iteration."""
         across, turn = state[0], state[1]
-        front = self.front(angle - math.atan((across + self.l_f * turn) / speed))
-        rear = self.rear(-math.atan((across - self.l_r * turn) / speed))
-        lost = (0.0, 0.0)
+        slips = (
+            angle - math.atan((across + self.l_f * turn) / speed),
+            -math.atan((across - self.l_r * turn) / speed),
+        )
+        lost, shifted = (0.0, 0.0), (self.front(slips[0]), self.rear(slips[1]))
         for _ in range(15 if self.sensitivity else 1):
-            shifted = (front * (1 - lost[0]), rear * (1 - lost[1]))
             now = tuple(state[5:7]) if self.length else shifted
             felt = (now[0] * math.cos(angle) + now[1]) / self.mass
             lost = tuple(self._lost(axle, felt) for axle in (0, 1))
-        return front * (1 - lost[0]), rear * (1 - lost[1])
+            shifted = (self.front(slips[0] * (1 - lost[0])), self.rear(slips[1] * (1 - lost[1])))
+        return shifted
 
     def _lost(self, axle: int, felt: float) -> float:
-        """Share of an axle's force that is lost, from the loads of its two sides [N]."""
+        """Share of an axle's stiffness that is lost, from the loads of its two sides [N]."""
         share = self.front_share if axle == 0 else 1 - self.front_share
         distance = self.l_r if axle == 0 else self.l_f
         side = self.mass * GRAVITY * distance / (self.l_f + self.l_r) / 2

@@ -37,7 +37,7 @@ from ident.dynamics.symbols import symbol
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-PLAY_WIDTHS = (0.001, 0.002, 0.004, 0.008)  # [rad] at the road wheels
+PLAY_WIDTHS = (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016)  # [rad] at the road wheels
 FRONT_SHARES = (0.15, 0.35, 0.55, 0.75)
 ROLL_FREQUENCIES = (3.0, 4.5, 6.5, 9.0)  # [rad/s]
 ROLL_DAMPINGS = (0.15, 0.5)
@@ -45,6 +45,8 @@ ROLL_DAMPINGS = (0.15, 0.5)
 # Names at the ports -> names along a trajectory, where they differ.
 ALONG = {
     "road_wheel_angle": "steered_angle",
+    "front_working_slip": "front_slip_angle",
+    "rear_working_slip": "rear_slip_angle",
     "front_lateral_force": "front_static_force",
     "rear_lateral_force": "rear_static_force",
     "load_shifting_acceleration": "felt_acceleration",

@@ -7,9 +7,9 @@ an axle is
     ΔF_z,i = χ_i m a_y h/b,           χ_f + χ_r = 1
 
 with F_z the load of one side at rest, h the height of the centre of gravity and b the track. So the
-sensitivity s is the share of its stiffness that an axle would lose with all its load on one side. It is taken
-as one number for both axles, and the whole force curve of the axle is scaled: friction falls with the load as
-the stiffness does. Beyond the lift of the inner wheels, ΔF_z = F_z, nothing is lost any more.
+sensitivity s is the share of its stiffness that an axle would lose with all its load on one side, one number
+for both axles. Friction is left as it is: the force is that of the axle's curve at the slip angle
+α (1 - s (ΔF_z/F_z)²). Beyond the lift of the inner wheels, ΔF_z = F_z, nothing is lost any more.
 
 Only s (h/b)² can be told from the motion: where h or b is not known, the model stands on the typical h/b, and
 s is that of such a vehicle.
@@ -18,6 +18,8 @@ The a_y that shifts the load comes from the forces that are left after the shift
 it, m a_0 their sum and a = a_0 - q a², q = Σ s k_i F_i0/m, k_i = (ΔF_z,i/(F_z,i a))²,
 
     a = 2 a_0/(1 + √(1 + 4 q a_0))
+
+which takes the curves as straight: at half of the largest force it is less than 1 % too low.
 
 With ``tyre_relaxation`` the forces of the moment are states, and a_y is their sum.
 """
@@ -76,11 +78,11 @@ def _across(known: Known, front: Expr, rear: Expr) -> Expr:
 
 
 def _scaled(axle: str) -> Change:
-    def changed(force: Expr, known: Known) -> Expr:
+    def changed(slip: Expr, known: Known) -> Expr:
         shift = shift_per_acceleration(known, axle, symbol(FRONT_SHARE.name))
         shift *= known[PORT]
         square = shift**2
-        return force * (1 - symbol(SENSITIVITY.name) * choose((square, square < 1), otherwise=1))
+        return slip * (1 - symbol(SENSITIVITY.name) * choose((square, square < 1), otherwise=1))
 
     return changed
 
@@ -96,8 +98,8 @@ LOAD_TRANSFER = Effect(
     (SENSITIVITY, FRONT_SHARE),
     {
         PORT: shifting_acceleration,
-        "front_lateral_force": _scaled("front"),
-        "rear_lateral_force": _scaled("rear"),
+        "front_working_slip": _scaled("front"),
+        "rear_working_slip": _scaled("rear"),
     },
     needs=("yaw_rate",),
     given=(HEIGHT,),

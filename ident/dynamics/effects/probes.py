@@ -19,6 +19,8 @@ from ident.dynamics.effects.effect import Change, Effect, Known
 
 PORTS = {  # input -> port to which it is added
     "probe.road_wheel_angle": "road_wheel_angle",
+    "probe.front_slip_angle": "front_working_slip",
+    "probe.rear_slip_angle": "rear_working_slip",
     "probe.front_lateral_force": "front_lateral_force",
     "probe.rear_lateral_force": "rear_lateral_force",
     "probe.lateral_force": "felt_force",
