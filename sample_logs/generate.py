@@ -14,6 +14,7 @@ from pathlib import Path
 from generator.containers import CONTAINERS, generate_containers
 from generator.runs import DEFAULT_SEED, RUNS, generate
 from generator.truth import DEFAULT_FOLDER, load_truth
+from generator.undeclared import ANSWERS, FOLDER, SETS, generate_undeclared
 
 
 def main() -> None:
@@ -25,7 +26,8 @@ def main() -> None:
         "--out", type=Path, default=Path(__file__).resolve().parent, help="folder to write to"
     )
     parser.add_argument("--seed", type=int, default=DEFAULT_SEED, help="seed of everything random")
-    names = [*RUNS, *CONTAINERS]
+    hidden = [f"{FOLDER}/{name}" for name in SETS]
+    names = [*RUNS, *CONTAINERS, *hidden]
     parser.add_argument("--only", nargs="+", choices=names, metavar="NAME", help=f"of {', '.join(names)}")
     parser.add_argument("--truth", type=Path, default=DEFAULT_FOLDER, help="folder of the true values")
     options = parser.parse_args()
@@ -35,8 +37,11 @@ def main() -> None:
     written = generate(options.out, truth, options.seed, [name for name in chosen if name in RUNS])
     others = [name for name in chosen if name in CONTAINERS]
     written += generate_containers(options.out, truth, options.seed, others)
+    sets = [name.removeprefix(f"{FOLDER}/") for name in chosen if name in hidden]
+    written += generate_undeclared(options.out, options.seed, sets, options.truth / ANSWERS)
     for path in written:
-        size = sum(file.stat().st_size for file in (path.iterdir() if path.is_dir() else [path]))
+        files = [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
+        size = sum(file.stat().st_size for file in files)
         print(f"{path}  {size / 1e6:.2f} MB")
     print(f"{time.monotonic() - began:.1f} s")
 

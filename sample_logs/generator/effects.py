@@ -94,9 +94,11 @@ def drive_campaign(
     truth = truck if isinstance(truck, Truth) else truth_of(truck, seed)
     order = list(CAMPAIGN)
     names = order if runs is None else [name for name in order if name in set(runs)]
-    made = {
-        name: _drive(CAMPAIGN[name], name, order.index(name), truth, injected, seed, gusts) for name in names
-    }
+    made = {}
+    for name in names:
+        plan = CAMPAIGN[name]
+        driven = drive_run(plan, name, order.index(name), truth, injected, seed, gusts)
+        made[name] = _sampled(driven, truth, plan.duration, seed, name)
     return Drive(truth, tuple(injected), made)
 
 
@@ -142,17 +144,17 @@ def truth_of(truck: Which, seed: int) -> Truth:
         return truth
     random = generator(seed, "another truck")
     old, steering = truth.planar.body, truth.steering.actuator
-    mass, shift = random.uniform(0.7, 1.5), random.uniform(-0.15, 0.15)
+    mass, shift = round(random.uniform(0.7, 1.5), 3), round(random.uniform(-0.15, 0.15), 2)
     body = replace(
         old,
-        mass=old.mass * mass,
+        mass=round(old.mass * mass),
         yaw_inertia=old.yaw_inertia * mass * random.uniform(0.85, 1.2),
-        cg_to_front_axle=old.cg_to_front_axle + shift,
-        cg_to_rear_axle=old.cg_to_rear_axle - shift,
+        cg_to_front_axle=round(old.cg_to_front_axle + shift, 2),
+        cg_to_rear_axle=round(old.cg_to_rear_axle - shift, 2),
     )
     planar = replace(
         truth.planar,
-        steering_ratio=truth.planar.steering_ratio * random.uniform(0.8, 1.2),
+        steering_ratio=round(truth.planar.steering_ratio * random.uniform(0.8, 1.2), 1),
         body=body,
         front=_another_tyre(truth.planar.front, mass, random),
         rear=_another_tyre(truth.planar.rear, mass * random.uniform(1.0, 1.2), random),
@@ -175,15 +177,29 @@ def _another_tyre(tyre: AxleTyre, load: float, random: np.random.Generator) -> A
 # --- one run ---------------------------------------------------------------------------------------
 
 
-def _drive(
+@dataclass(frozen=True)
+class Driven:
+    """One run as it was driven.
+
+    sent_time, sent : every command [s], [rad], also those before the recording
+    readings : what each sensor would read, at any time
+    """
+
+    sent_time: Array
+    sent: Array
+    readings: dict[str, Reading]
+
+
+def drive_run(
     plan: Manoeuvre,
     name: str,
     number: int,
     truth: Truth,
     injected: Sequence[Injected],
     seed: int,
-    gusts: float,
-) -> MotionSet:
+    gusts: float = 0.0,
+) -> Driven:
+    """Drive one run, the ``number``-th of its campaign; its name and the seed give its random numbers."""
     speed, random = plan.speed(), generator(seed, name)
     pose = np.array([*random.uniform(-YARD, YARD, 2), random.uniform(-np.pi, np.pi)])
     command = plan.ask(truth.planar, speed, random)
@@ -198,11 +214,22 @@ def _drive(
     truck = _loaded(truth.planar, injected, number)
     wind = gusts * _gusts(grid, generator(seed, name, "gusts"))
     inputs = _inputs(truth.planar, injected, grid, wheel, speed, wind, APART * number)
-    driven = simulate_truck(truck, injected, grid, inputs, pose)
-    readings = reads(_mounted(truck, truth.planar), injected, driven, grid, wheel)
-    logged = sent_time >= 0.0
-    request = {REQUEST_SIGNAL: Samples(sent_time[logged], sent[logged])}
-    return request | _sampled(readings, truth, plan.duration, seed, name)
+    motion = simulate_truck(truck, injected, grid, inputs, pose)
+    readings = reads(_mounted(truck, truth.planar), injected, motion, grid, wheel)
+    return Driven(sent_time, sent, readings)
+
+
+def _sampled(driven: Driven, truth: Truth, duration: float, seed: int, name: str) -> MotionSet:
+    """The commands of the recording, and what every sensor would read at its stamps."""
+    logged = driven.sent_time >= 0.0
+    stamps = {
+        topic: seconds(schedule(sensor, 0.0, duration, generator(seed, name, topic)))
+        for topic, sensor in sensors_of(truth).items()
+    }
+    return {REQUEST_SIGNAL: Samples(driven.sent_time[logged], driven.sent[logged])} | {
+        signal: Samples(stamps[topic], driven.readings[signal](stamps[topic]))
+        for signal, (topic, _) in SOURCES.items()
+    }
 
 
 def _inputs(
@@ -279,18 +306,6 @@ def _gusts(grid: Array, random: np.random.Generator) -> Array:
         made = lfilter([1.0 - keep], [1.0, -keep], made)
     made = made - np.mean(made)
     return made / np.std(made)
-
-
-def _sampled(readings: dict[str, Reading], truth: Truth, duration: float, seed: int, name: str) -> MotionSet:
-    """What every sensor would read at its stamps."""
-    stamps = {
-        topic: seconds(schedule(sensor, 0.0, duration, generator(seed, name, topic)))
-        for topic, sensor in sensors_of(truth).items()
-    }
-    return {
-        signal: Samples(stamps[topic], readings[signal](stamps[topic]))
-        for signal, (topic, _) in SOURCES.items()
-    }
 
 
 # --- measuring -------------------------------------------------------------------------------------

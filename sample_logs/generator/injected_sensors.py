@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from .injected import ACROSS, DRIFT, YAW_RATE, Injected, parameters_of
-from .injected_motion import HEADING, ROLL, TURN, V_Y, Driven, X, Y
+from .injected_motion import HEADING, ROLL, ROLL_RATE, TURN, V_Y, Driven, X, Y
 from .truth import Channel, Planar
 from .vehicle import GRAVITY
 
@@ -34,12 +34,16 @@ LATERAL = (
 def reads(
     truck: Planar, injected: Sequence[Injected], driven: Driven, half_steps: Array, wheel: Array
 ) -> dict[str, Reading]:
-    """Every measured signal as a function of time.
+    """Every measured signal as a function of time, and what else an inertial unit and odometry tell.
 
     half_steps, wheel : (n,) times [s] and angle of the steering wheel [rad]
     """
     true = {**_odometry(truck, injected, driven), **_imu(truck, injected, driven)}
     made = {signal: _delayed(driven.time, values, signal, injected) for signal, values in true.items()}
+    made |= {
+        "roll_rate": _between(driven.time, driven.states[:, ROLL_RATE]),
+        "odometry_yaw_rate": _between(driven.time, driven.states[:, TURN]),
+    }
     made["steering_wheel_angle"] = _delayed(half_steps, wheel, "steering_wheel_angle", injected)
     return made
 
@@ -93,6 +97,10 @@ def _biased(made: dict[str, Array], injected: Sequence[Injected]) -> dict[str, A
         if one.name == "sensor_bias" and one.signal in made:
             made[one.signal] = made[one.signal] + one.values["bias"]
     return made
+
+
+def _between(grid: Array, values: Array) -> Reading:
+    return lambda time: np.interp(time, grid, values)
 
 
 def _acts_on(one: Injected, signal: str) -> bool:

@@ -47,6 +47,16 @@ class Manoeuvre:
         return Speed(PchipInterpolator(time, value))
 
 
+def part_of(plan: Manoeuvre, begin: float, end: float) -> Manoeuvre:
+    """Return a part of a run as a run of its own."""
+
+    def ask(truck: Planar, _speed: Speed, random: np.random.Generator) -> Command:
+        whole = plan.ask(truck, plan.speed(), random)
+        return lambda time: whole(time + begin)
+
+    return Manoeuvre(end - begin, tuple((time - begin, value) for time, value in plan.speeds), ask)
+
+
 def _held(levels: Sequence[tuple[float, float]]) -> Callable[[Array], Array]:
     """Levels (from time on [s], value [rad]), each until the next; nothing before the first."""
     begins, values = np.array([one[0] for one in levels]), np.array([0.0, *(one[1] for one in levels)])
@@ -71,7 +81,7 @@ def _there_and_back(truck: Planar, _speed: Speed, random: np.random.Generator) -
     phases, rates = random.uniform(0.0, 2.0 * np.pi, 4), random.uniform(0.4, 2.0, 4)
     wheelbase = truck.body.cg_to_front_axle + truck.body.cg_to_rear_axle
     turn = truck.steering_ratio * np.arctan(0.0639 * wheelbase)
-    bend = _eased([(17.0, turn), (26.85, 0.0)], 0.7)
+    bend = _eased([(17.5, turn), (27.35, 0.0)], 0.7)
 
     def request(time: Array) -> Array:
         waves = np.sin(np.outer(time, rates) + phases).sum(axis=1) / np.sqrt(2.0)
@@ -160,16 +170,10 @@ def _free(truck: Planar, speed: Speed, random: np.random.Generator) -> Command:
 
 CAMPAIGN: dict[str, Manoeuvre] = {
     "there_and_back": Manoeuvre(
-        46.0,
+        47.0,
         (
-            (0.0, 0.0),
-            (5.0, 0.0),
-            (10.0, 9.0),
-            (14.0, 9.0),
-            (17.0, 5.0),
-            (31.0, 5.0),
-            (36.0, 14.0),
-            (46.0, 14.0),
+            *((0.0, 0.0), (6.5, 0.0), (11.0, 9.0), (14.5, 9.0)),
+            *((17.5, 5.0), (31.5, 5.0), (36.5, 14.0), (47.0, 14.0)),
         ),
         _there_and_back,
     ),
