@@ -72,6 +72,11 @@ def effect_name(key: str) -> str:
     return f"{own} of the {signal.replace('_', ' ')}" if signal in SIGNALS else f"{own} {signal}".strip()
 
 
+def parameter_name(name: str) -> str:
+    """Name a parameter of an effect for a reader, given as "length" or as "tyre_relaxation.length"."""
+    return name.rpartition(".")[2].replace("_", " ")
+
+
 def place_name(equation: str) -> str:
     """Name an equation of the truck for a reader, given as a letter of the catalogue or in full."""
     return ENTERS.get(equation, equation.replace("_", " "))

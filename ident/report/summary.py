@@ -22,6 +22,7 @@ from ident.report.improved import (
     added_names,
     by_verdict,
     effect_name,
+    parameter_name,
     shown_interval,
     signals_of,
     size_text,
@@ -342,7 +343,7 @@ def _added_lines(result: ImproveResult) -> list[str]:
     """Say what was added, of what size, what it cannot be told from, and whether held-out data confirm it."""
     lines = []
     for effect in result.effects:
-        sizes = [f"{name.replace('_', ' ')} {size_text(one)}" for name, one in effect.parameters.items()]
+        sizes = [f"{parameter_name(name)} {size_text(one)}" for name, one in effect.parameters.items()]
         lines.append(
             f"added: {plain(effect_name(effect.key))}, {'; '.join([*sizes, p_value(effect.p_value)])}"
         )

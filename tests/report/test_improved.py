@@ -17,6 +17,7 @@ def test_an_effect_of_a_signal_is_named_with_it():
     assert improved.effect_name("tyre_relaxation") == "tyre relaxation"
     assert improved.effect_name("sensor_bias yaw_rate") == "sensor bias of the yaw rate"
     assert improved.effect_name("yaw_moment: step") == "yaw moment: step"
+    assert improved.parameter_name("tyre_relaxation.length_front") == "length front"
 
 
 def test_what_is_gone_is_counted_above_the_noise(improve_cases):

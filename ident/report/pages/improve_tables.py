@@ -15,6 +15,7 @@ from ident.report.improved import (
     effect_name,
     held_out_rms,
     in_unit,
+    parameter_name,
     place_name,
     ranked,
     shown,
@@ -125,7 +126,7 @@ def key_figures(result: ImproveResult) -> Facts:
 
 
 def _added(effect: FoundEffect) -> Cell:
-    sizes = [f"{name.replace('_', ' ')} {size_text(found)}" for name, found in effect.parameters.items()]
+    sizes = [f"{parameter_name(name)} {size_text(found)}" for name, found in effect.parameters.items()]
     several: Tone = "caution" if len(effect.members) > 1 else "good"
     return Cell(
         effect_name(effect.key), tone=several, detail="; ".join([*sizes[:2], p_value(effect.p_value)])
@@ -184,7 +185,7 @@ def parameters(effect: FoundEffect) -> Table:
         own = displayed(estimate)
         rows.append(
             [
-                Cell(name.replace("_", " ")),
+                Cell(parameter_name(name)),
                 Cell(estimate_value(own), raw=own.value),
                 Cell(estimate_interval(own)),
                 Cell(unit_text(own.unit)),
@@ -236,7 +237,7 @@ def candidates(found: Sequence[Candidate], step: int) -> Table:
 
 def _candidate_row(one: Candidate, *, several: bool) -> list[Cell]:
     tone: Tone = "good" if one.why_not is None else "caution" if one.in_class else "plain"
-    sizes = [f"{name.replace('_', ' ')} {size_text(found)}" for name, found in one.parameters.items()]
+    sizes = [f"{parameter_name(name)} {size_text(found)}" for name, found in one.parameters.items()]
     why = one.why_not or "added"
     alike = "cannot be told from the best" if one.in_class and several else None
     return [
