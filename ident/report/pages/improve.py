@@ -109,7 +109,8 @@ def _effect(effect: FoundEffect) -> list[Block]:
     others = [effect_name(one) for one in effect.members if one not in (effect.key, effect.name)]
     if others:
         told.append(("These data cannot tell it from:", f"{', '.join(others)}."))
-    return [equation(effect.equation), tables_of.parameters(effect), Lines(told)]
+    typeset = [equation(effect.equation)] if effect.equation else []
+    return [*typeset, tables_of.parameters(effect), Lines(told)]
 
 
 def _shares(share: Mapping[str, float]) -> list[tuple[str, str]]:
