@@ -33,9 +33,8 @@ def _turning(known: Known) -> Expr:
 
 
 def _equation() -> sympy.Basic:
-    time, damping, frequency, gain = sympy.symbols("t zeta omega k", positive=True)
-    angle, acceleration = sympy.Function("phi")(time), sympy.Symbol("a_y")
-    first, second = sympy.Derivative(angle, time), sympy.Derivative(angle, (time, 2))
+    damping, frequency, gain, acceleration = sympy.symbols("zeta omega k a_y")
+    angle, first, second = sympy.symbols("phi φ̇ φ̈")
     left = second + 2 * damping * frequency * first + frequency**2 * angle
     return sympy.Eq(left, frequency**2 * gain * acceleration, evaluate=False)
 

@@ -88,7 +88,7 @@ def _scaled(axle: str) -> Change:
 
 
 def _equation() -> sympy.Basic:
-    stiffness, rest, size, shift, load = sympy.symbols("C C_0 s DeltaF_z F_z")
+    stiffness, rest, size, shift, load = sympy.symbols("C C_0 s ΔF_z F_z")
     return sympy.Eq(stiffness, rest * (1 - size * (shift / load) ** 2), evaluate=False)
 
 
@@ -104,6 +104,6 @@ LOAD_TRANSFER = Effect(
     needs=("yaw_rate",),
     given=(HEIGHT,),
     equation=_equation(),
-    meaning="In a turn load moves to the outer tyres and the axle loses the share s (DeltaF_z/F_z)^2 of its "
+    meaning="In a turn load moves to the outer tyres and the axle loses the share s (ΔF_z/F_z)² of its "
     "stiffness; chi_f of the overturning moment acts at the front.",
 )

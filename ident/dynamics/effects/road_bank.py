@@ -29,4 +29,20 @@ def _push(force: Expr, known: Mapping[str, Expr]) -> Expr:
     return force - known["mass"] * GRAVITY * sine_of_bank
 
 
-ROAD_BANK = Effect("road_bank", "Y", (BANK_COS, BANK_SIN), {"lateral_force": _push}, needs=("heading",))
+def _equation() -> sympy.Basic:
+    force, before, mass, gravity, heading = sympy.symbols("Y Y_0 m g psi")
+    cosine, sine = sympy.symbols("b_c b_s")
+    sine_of_bank = cosine * sympy.cos(heading) + sine * sympy.sin(heading)
+    return sympy.Eq(force, before - mass * gravity * sine_of_bank, evaluate=False)
+
+
+ROAD_BANK = Effect(
+    "road_bank",
+    "Y",
+    (BANK_COS, BANK_SIN),
+    {"lateral_force": _push},
+    needs=("heading",),
+    equation=_equation(),
+    meaning="The road leans, by the sine b_c of its bank for a truck that heads along x and by b_s for one "
+    "that heads along y, and gravity pulls the truck down the slope.",
+)

@@ -60,10 +60,8 @@ def _rate(known: Known, axle: str) -> Expr:
 
 
 def _equation() -> sympy.Basic:
-    length, speed, time = sympy.symbols("sigma v t", positive=True)
-    force = sympy.Function("F")(time)
-    static = sympy.Symbol("F_static")
-    return sympy.Eq(length / speed * sympy.Derivative(force, time) + force, static, evaluate=False)
+    length, speed, force, rate, static = sympy.symbols("sigma v F Ḟ F_static")
+    return sympy.Eq(length / speed * rate + force, static, evaluate=False)
 
 
 TYRE_RELAXATION = Effect(
