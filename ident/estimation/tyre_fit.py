@@ -288,7 +288,7 @@ def _kinked(problem: VehicleProblem, start: Array) -> list[Array]:
     wide = start.copy()
     wide[list(at.values())] = 0.0  # 1 rad
     of_runs = np.zeros((problem.windows.runs, len(problem.run_terms)))
-    _, outputs = problem.simulate(wide, of_runs, problem.initial_local())
+    _, outputs = problem.simulate(wide, of_runs, problem.initial_local)
     most = {
         axle: float(np.abs(outputs[:, problem.engine.outputs.index(f"{axle}_slip_angle")]).max())
         for axle in AXLES

@@ -187,7 +187,7 @@ def _best(
     problem: VehicleProblem, starts: Sequence[Array], noise: Mapping[str, NoiseModel] | None
 ) -> VehiclePoint:
     """Follow every start for a few iterations and return the best."""
-    points = [_first(problem, start, noise) for start in starts]
+    points = [rough_point(problem, start, noise) for start in starts]
     points = [point for point in points if np.isfinite(point.value)]
     if not points:
         raise ValueError("the model blows up from every start")
@@ -199,9 +199,12 @@ def _best(
     return best if noise is not None else replace(best, noise=_rough_noise(best))
 
 
-def _first(problem: VehicleProblem, start: Array, noise: Mapping[str, NoiseModel] | None) -> VehiclePoint:
+def rough_point(
+    problem: VehicleProblem, start: Array, noise: Mapping[str, NoiseModel] | None = None
+) -> VehiclePoint:
+    """The problem at given coordinates (s,), weighed by the size of what is left there unless by a noise."""
     of_runs = np.zeros((problem.windows.runs, len(problem.run_terms)))
-    point = VehiclePoint(problem, problem.inside(start), of_runs, problem.initial_local(), {})
+    point = VehiclePoint(problem, problem.inside(start), of_runs, problem.initial_local, {})
     return replace(point, noise=noise or _rough_noise(point))
 
 

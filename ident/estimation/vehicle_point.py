@@ -51,7 +51,12 @@ class VehiclePoint:
             total = sum(float(white[:, -1] @ white[:, -1]) for white in self.white.values())
         total += float(np.square(self.of_runs / self.problem.std_by_run).sum())
         total += float(np.square(self._from_prior / self.problem.prior_std).sum())
+        total += float(np.square(self._from_start / self.problem.initial_std).sum())
         return total if np.isfinite(total) else np.inf
+
+    @property
+    def _from_start(self) -> Array:
+        return self.problem.initial_local - self.local
 
     @property
     def _from_prior(self) -> Array:
@@ -63,8 +68,10 @@ class VehiclePoint:
         parts = {name: one.samples.begins for name, one in self.residuals.items()}
         made = []
         for number in range(len(self.problem.windows.records)):
-            rows = [self.white[name][begins[number] : begins[number + 1]] for name, begins in parts.items()]
-            made.append(eliminate(triangle_of(np.vstack(rows)), self.problem.local))
+            own = [self.white[name][begins[number] : begins[number + 1]] for name, begins in parts.items()]
+            rows = triangle_of(np.vstack(own))
+            rows = with_priors(rows, self.problem.initial_std[number], self._from_start[number])
+            made.append(eliminate(rows, self.problem.local))
         return made
 
     @cached_property

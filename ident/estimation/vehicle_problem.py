@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,14 @@ Array = NDArray[np.float64]
 POSITION = ("position_x", "position_y")
 ALONG, ACROSS = "position_along", "position_across"
 STEERING_RATIO = "steering_ratio"  # coordinate: relative change of the ratio behind the road-wheel angle
+INITIAL_STD = {  # state -> of its prior around what the first samples say: measured, and not
+    "lateral_velocity": (0.1, 3.0),  # [m/s]
+    "yaw_rate": (0.05, 1.0),  # [rad/s]
+    "front_relaxed_force": (1e4, 1e4),  # [N]
+    "rear_relaxed_force": (1e4, 1e4),  # [N]
+    "body_roll_angle": (0.05, 0.05),  # [rad]
+    "body_roll_rate": (0.2, 0.2),  # [rad/s]
+}
 NOTHING = 1e-6  # of the prior of a term, in runs that do not have it
 FEWEST = 20  # samples beyond what initial states follow, below which the noise of a signal cannot be told
 
@@ -211,6 +220,21 @@ class VehicleProblem:
         high = [one.high for one in self.coordinates]
         return np.asarray(np.clip(shared, low, high))
 
+    @cached_property
+    def initial_std(self) -> Array:
+        """(w, local) of the priors of the initial states around ``initial_local``, infinite where there is none.
+
+        They are wider than what a moving vehicle tells; one that crawls forgets how it began, and data that
+        say nothing of the beginning must not throw it far away.
+        """
+        made = np.full((len(self.windows.records), self.local), np.inf)
+        for number, name in enumerate(self.engine.states):
+            for window, record in enumerate(self.windows.records):
+                if name in INITIAL_STD:
+                    made[window, number] = INITIAL_STD[name][0 if name in record.measured else 1]
+        return made
+
+    @cached_property
     def initial_local(self) -> Array:
         """(w, local) states from the first measured samples of each window; no part of the path moved."""
         states = np.array([self._initial_state(number) for number in range(len(self.windows.records))])

@@ -81,7 +81,7 @@ def generic_point(problem, seed=3):
     random = np.random.default_rng(seed)
     shared = coordinates_at(problem, TRUE) + 0.03 * random.standard_normal(len(problem.coordinates))
     of_runs = problem.run_std * random.standard_normal((problem.windows.runs, problem.run_std.size)) * 0.3
-    local = problem.initial_local()
+    local = problem.initial_local
     local = local + 0.02 * random.standard_normal(local.shape)
     return VehiclePoint(problem, shared, of_runs, local, colour(problem))
 
@@ -187,7 +187,7 @@ def test_a_part_of_the_path_that_is_moved_and_turned_as_a_whole_leaves_no_residu
             problem,
             coordinates_at(problem, TRUE),
             np.zeros((1, problem.run_std.size)),
-            problem.initial_local(),
+            problem.initial_local,
             colour(problem),
         )
         for _ in range(3):
@@ -281,7 +281,7 @@ def test_without_a_heading_the_windows_start_along_the_path():
     kept = {name: one.measured[name] for name in ("position_x", "position_y", "yaw_rate")}
     problem = problem_of([replace(one, measured=kept)])
     (true,) = (one.measured["heading"],)
-    for window, state in zip(problem.windows.records, problem.initial_local(), strict=True):
+    for window, state in zip(problem.windows.records, problem.initial_local, strict=True):
         heading = np.interp(window.times[0], true.times, true.values)
         error = (state[2] - heading + np.pi) % (2 * np.pi) - np.pi
         assert abs(error) < 0.15
@@ -291,7 +291,7 @@ def test_initial_states_are_those_of_the_centre_of_gravity():
     truth = TRUCK.drive(*inputs(24.0))
     problem = problem_of([truth])
     states, _ = problem.simulate(
-        coordinates_at(problem, TRUE), np.zeros((1, problem.run_std.size)), problem.initial_local()
+        coordinates_at(problem, TRUE), np.zeros((1, problem.run_std.size)), problem.initial_local
     )
     first = problem.windows.offsets[1:-1]  # at the very start the truck is not yet turning, in a jump
     turn = np.interp(problem.windows.times[first], truth.times, truth.measured["yaw_rate"].values)

@@ -1,0 +1,211 @@
+"""Scores of what a fitted vehicle model may lack: directions whitened, freed of what the fit can take up, binned.
+
+With r the whitened residual and J the derivatives to all that was fitted (initial states of the windows, terms
+of the runs, shared parameters), a candidate whose first-order effect on the whitened signals is p has the
+direction p̃ = p - J (JᵀJ)⁺ Jᵀ p and the score p̃ᵀ r. Terms of the runs count with their priors; shared
+parameters without, so that no candidate gains by bringing a parameter nearer to what is usual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.dynamics.driver_text import UPSTREAM
+from ident.estimation.elimination import eliminate, inverse_of
+from ident.estimation.layer import BIN
+from ident.estimation.noise import Linearised
+from ident.estimation.vehicle_point import VehiclePoint
+from ident.estimation.vehicle_problem import Probe
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+TAKEN_UP = 1e-6  # of its squared length: a direction of which less is left is one of the fit itself
+FAINT = 1e-8  # of the largest: a direction of the shared parameters that the data do not hold
+
+
+@dataclass(frozen=True)
+class Bins:
+    """Where the samples of all windows fall: bins of about ``BIN`` seconds within windows.
+
+    run, time : (b,) of each bin; window : (b,); first : (w + 1,) first bin of each window
+    """
+
+    run: Index
+    time: Array
+    window: Index
+    first: Index
+
+    def of(self, window: int, times: Array) -> Index:
+        """(n,) bin of instants in a window."""
+        own = slice(int(self.first[window]), int(self.first[window + 1]))
+        place = np.searchsorted(self.time[own] + BIN / 2, times)
+        return np.clip(place, 0, own.stop - own.start - 1) + own.start
+
+
+def add_to_bins(total: Array, where: Index, rows: Array) -> None:
+    """Add rows (n, c) to those (b, c) that ``where`` (n,) names."""
+    order = np.argsort(where, kind="stable")
+    found, first = np.unique(where[order], return_index=True)
+    total[found] += np.add.reduceat(rows[order], first, axis=0)
+
+
+def bins_of(point: VehiclePoint) -> Bins:
+    """Bins of all windows, in their order."""
+    windows = point.problem.windows
+    middles = []
+    for number, record in enumerate(windows.records):
+        begins = [s.times[s.begins[number]] for s in windows.signals.values() if s.begins[number + 1] > s.begins[number]]
+        begin = min(begins, default=record.times[0])
+        count = max(1, int(np.ceil((record.times[-1] - begin) / BIN - 1e-9)))
+        middles.append(begin + BIN * (np.arange(count) + 0.5))
+    counts = [one.size for one in middles]
+    return Bins(
+        run=np.repeat(windows.run, counts).astype(np.intp),
+        time=np.concatenate(middles),
+        window=np.repeat(np.arange(len(counts)), counts).astype(np.intp),
+        first=np.cumsum([0, *counts]).astype(np.intp),
+    )
+
+
+class Projection:
+    """What is left of directions once the fit has taken up all that it can."""
+
+    def __init__(self, point: VehiclePoint) -> None:
+        """Take a point at its minimum."""
+        self.point = point
+        self.bins = bins_of(point)
+        self._places = {name: one.samples.begins for name, one in point.residuals.items()}
+        self._windows = [self._window(number) for number in range(len(point.problem.windows.records))]
+
+    def _rows(self, of_signal: dict[str, Array], number: int) -> Array:
+        return np.vstack([of_signal[n][b[number] : b[number + 1]] for n, b in self._places.items()])
+
+    def _window(self, number: int) -> tuple[Array, Array]:
+        """Orthonormal directions of the initial state; [run terms | shared | residual] free of them."""
+        point = self.point
+        rows = self._rows(point.white, number)
+        own = eliminate(rows, point.problem.local)
+        left = own.rows.copy()
+        terms = len(point.problem.run_terms)
+        left[:, :terms] *= point.problem.std_by_run[point.problem.windows.run[number]]
+        left[:, terms:-1] = left[:, terms:-1] @ self._scale
+        return own.basis, left
+
+    @cached_property
+    def _scale(self) -> Array:
+        """(s, s) makes the shared columns about orthonormal."""
+        return inverse_of(self.point.triangle()[: self.point.shared.size, :-1])
+
+    def scores(self, probes: Sequence[Probe], combined: Array) -> tuple[Array, Array, Array]:
+        """Scores of directions, each a combination of probes.
+
+        combined : (p, c) of the probes
+
+        Returns
+        -------
+        (b, c) binned scores, (c, c) inner products, (b, c) squared lengths within each bin; all zero where
+        the fit takes up a direction
+        """
+        columns = {name: one @ combined for name, one in self._whitened(probes).items()}
+        before = sum(np.sum(one**2, axis=0) for one in columns.values())
+        everything = []
+        for number, (_, rows) in enumerate(self._windows):
+            own = self._without_start(self._rows(columns, number), number)
+            everything.append(np.hstack([own, rows[:, -1:]]))
+        self._project(everything)
+        size = combined.shape[1]
+        scores, energy = (np.zeros((self.bins.run.size, size)) for _ in range(2))
+        gram = np.zeros((size, size))
+        for number, rows in enumerate(everything):
+            where = self._bin_of_rows(number)
+            add_to_bins(scores, where, rows[:, :-1] * rows[:, -1:])
+            add_to_bins(energy, where, rows[:, :-1] ** 2)
+            gram += rows[:, :-1].T @ rows[:, :-1]
+        gone = np.diag(gram) < TAKEN_UP * np.maximum(before, 1e-300)
+        scores[:, gone], energy[:, gone] = 0.0, 0.0
+        gram[gone], gram[:, gone] = 0.0, 0.0
+        return scores, gram, energy
+
+    def _whitened(self, probes: Sequence[Probe]) -> dict[str, Array]:
+        """(n, c) of every compared signal; as many at once as the engine carries."""
+        point, parts = self.point, []
+        for begin in range(0, len(probes), UPSTREAM):
+            some = probes[begin : begin + UPSTREAM]
+            parts.append(point.problem.probed(point.shared, point.of_runs, point.local, some))
+        made = {}
+        for name, one in point.residuals.items():
+            columns = np.hstack([part[name] for part in parts])
+            none = np.zeros(0)
+            rows = np.zeros((len(columns), 0))
+            record = Linearised(one.samples.times, one.residual, rows, rows, one.samples.starts, none, none)
+            noise = point.noise[name]
+            made[name] = noise.shape.whiten(columns, record) / noise.std
+        return made
+
+    def _without_start(self, rows: Array, number: int) -> Array:
+        basis, _ = self._windows[number]
+        return rows - basis @ (basis.T @ rows)
+
+    def _project(self, everything: list[Array]) -> None:
+        """Free rows, in place, of the terms of the runs and of the shared parameters."""
+        terms, windows = len(self.point.problem.run_terms), self.point.problem.windows
+        size, width = self.point.shared.size, everything[0].shape[1]
+        own_parts, inner, target = {}, np.zeros((size, size)), np.zeros((size, width))
+        for run in range(windows.runs):
+            own = [number for number in range(len(everything)) if windows.run[number] == run]
+            known = np.vstack([self._windows[number][1][:, :-1] for number in own])
+            rows = np.vstack([everything[number] for number in own])
+            t, s = known[:, :terms], known[:, terms:]
+            within = np.linalg.inv(t.T @ t + np.eye(terms))
+            to_shared, to_rows = within @ (t.T @ s), within @ (t.T @ rows)
+            inner += s.T @ (s - t @ to_shared)
+            target += s.T @ (rows - t @ to_rows)
+            own_parts[run] = (own, to_shared, to_rows)
+        of_shared = np.linalg.pinv(inner, rcond=FAINT, hermitian=True) @ target
+        for own, to_shared, to_rows in own_parts.values():
+            of_terms = to_rows - to_shared @ of_shared
+            for number in own:
+                known = self._windows[number][1][:, :-1]
+                everything[number] -= known[:, :terms] @ of_terms + known[:, terms:] @ of_shared
+
+    def _bin_of_rows(self, number: int) -> Index:
+        times = [
+            self.point.residuals[name].samples.times[b[number] : b[number + 1]]
+            for name, b in self._places.items()
+        ]
+        return self.bins.of(number, np.concatenate(times))
+
+    def power(self) -> tuple[Array, Array]:
+        """(b, s) sum of squared whitened residuals and number of samples, of every compared signal."""
+        names = list(self._places)
+        power, count = (np.zeros((self.bins.run.size, len(names))) for _ in range(2))
+        for column, name in enumerate(names):
+            samples, begins = self.point.residuals[name].samples, self._places[name]
+            for number in range(len(self._windows)):
+                part = slice(int(begins[number]), int(begins[number + 1]))
+                where = self.bins.of(number, samples.times[part])
+                np.add.at(power[:, column], where, self.point.white[name][part, -1] ** 2)
+                np.add.at(count[:, column], where, 1.0)
+        return power, count
+
+    def likelihood(self) -> Array:
+        """(b,) minus the sum of squared whitened residuals: 2 log likelihood but for a constant."""
+        power, _ = self.power()
+        return np.asarray(-power.sum(axis=1))
+
+    def mean(self, values: Array) -> Array:
+        """(b,) mean over each bin of values (N,) on the grid of all windows."""
+        windows, total = self.point.problem.windows, np.zeros(self.bins.run.size)
+        count = np.zeros(self.bins.run.size)
+        for number in range(len(self._windows)):
+            part = slice(int(windows.offsets[number]), int(windows.offsets[number + 1]))
+            where = self.bins.of(number, windows.times[part])
+            np.add.at(total, where, values[part])
+            np.add.at(count, where, 1.0)
+        return np.asarray(total / np.maximum(count, 1.0))
