@@ -76,7 +76,7 @@ def answers(runs: Sequence[SensorSeries]) -> list[Answer]:
     return [
         *_yaw_rate(runs),
         *_speeds(runs),
-        *_lateral_acceleration(runs),
+        *lateral_acceleration(runs),
         *_pose(runs),
         *_at_rest(runs),
         *_steering_zero(runs),
@@ -101,7 +101,8 @@ def _yaw_rate(runs: Sequence[SensorSeries]) -> list[Answer]:
     return _three(made, names, 0.005, "rad/s")
 
 
-def _lateral_acceleration(runs: Sequence[SensorSeries]) -> list[Answer]:
+def lateral_acceleration(runs: Sequence[SensorSeries]) -> list[Answer]:
+    """Scale, bias and lag of the accelerometer."""
     pairs = _made(runs, accelerometer)
     if not pairs:
         return _no(

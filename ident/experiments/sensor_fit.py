@@ -169,22 +169,34 @@ def _step(runs: Sequence[Comparison]) -> float:
 def _scan(runs: Sequence[Comparison]) -> float:
     """Lag on a coarse grid that leaves least; zero unless another is clearly better."""
     lags = np.round(np.arange(-LARGEST_LAG + SCAN, LARGEST_LAG - SCAN / 2, SCAN), 9)
+    thin = [_thinned(run) for run in runs]
     left = []
     for lag in lags.tolist():
-        rows = _rows(runs, lag, None)
+        rows = _rows(thin, lag, None, every=1)
         rest = rows.y - rows.x @ _least_squares(rows.x, rows.y)
         left.append(float(np.mean(rest**2)) if rest.size else np.inf)
     best, zero = int(np.argmin(left)), int(np.argmin(np.abs(lags)))
     return float(lags[best]) if left[best] < 0.9 * left[zero] else 0.0
 
 
-def _rows(runs: Sequence[Comparison], lag: float, coefficients: Array | None) -> _Rows:
+def _thinned(run: Comparison) -> Comparison:
+    """Every ``EVERY``-th sample, of what is smooth: enough to tell a lag coarsely."""
+    return Comparison(
+        run.time[::EVERY],
+        run.measured[::EVERY],
+        run.fixed[::EVERY],
+        run.columns[::EVERY],
+        run.instruments[::EVERY],
+    )
+
+
+def _rows(runs: Sequence[Comparison], lag: float, coefficients: Array | None, every: int = EVERY) -> _Rows:
     """Rows at a lag; with coefficients (c,), the last column is that of the lag."""
-    made = [_rows_of(run, number, lag, coefficients) for number, run in enumerate(runs)]
+    made = [_rows_of(run, number, lag, coefficients, every) for number, run in enumerate(runs)]
     return _Rows(*(np.concatenate([getattr(one, name) for one in made]) for name in _Rows.__annotations__))
 
 
-def _rows_of(run: Comparison, number: int, lag: float, coefficients: Array | None) -> _Rows:
+def _rows_of(run: Comparison, number: int, lag: float, coefficients: Array | None, every: int) -> _Rows:
     known = [run.fixed, *run.columns.T, *run.instruments.T]
     fixed, *others = (_later(run.time, one, lag) for one in known)
     count = len(others) // 2
@@ -194,7 +206,7 @@ def _rows_of(run: Comparison, number: int, lag: float, coefficients: Array | Non
         z = np.column_stack([z, -np.gradient(fixed + z @ _sized(x[:, :count], z, coefficients), run.time)])
     y = np.asarray(run.measured - fixed)
     rows = np.isfinite(y) & np.isfinite(x).all(axis=1) & np.isfinite(z).all(axis=1)
-    rows &= np.arange(run.time.size) % EVERY == 0
+    rows &= np.arange(run.time.size) % every == 0
     y, x, z, time = y[rows], x[rows], z[rows], run.time[rows]
     if np.iscomplexobj(run.measured):
         y, x, z = (np.concatenate([one.real, one.imag]) for one in (y, x, z))
@@ -283,6 +295,7 @@ def _jackknife(rows: _Rows, block: Index) -> tuple[Array, Array, NDArray[np.bool
 def _by_run(influence: Array, freedom: Array, run: Index) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Errors from what blocks (b, k) add, or from what runs add where those scatter more than blocks do."""
     by_block = np.sum(influence**2, axis=0)
+    neighbours = 2 * np.sum((influence[1:] * influence[:-1])[run[1:] == run[:-1]], axis=0)
     sums, shares = (np.zeros((int(run.max()) + 1, influence.shape[1])) for _ in range(2))
     np.add.at(sums, run, influence)
     np.add.at(shares, run, influence**2)
@@ -290,7 +303,8 @@ def _by_run(influence: Array, freedom: Array, run: Index) -> tuple[Array, Array,
     carrying = by_block**2 / np.maximum(np.sum(shares**2, axis=0), 1e-300)  # runs that tell it
     excess = chi2.sf(carrying * by_run / np.maximum(by_block, 1e-300), np.maximum(carrying - 1, 0.5))
     uneven = (excess < UNEVEN) & (carrying > FEWEST_RUNS)
-    variance = np.where(uneven, by_run * carrying / np.maximum(carrying - 1, 1e-300), by_block)
+    within = by_block + np.maximum(neighbours, 0.0)  # colour that is longer than a block
+    variance = np.where(uneven, by_run * carrying / np.maximum(carrying - 1, 1e-300), within)
     return np.sqrt(variance), np.where(uneven, np.minimum(carrying - 1, freedom), freedom), uneven
 
 

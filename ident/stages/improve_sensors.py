@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.experiments.sensor_checks import Answer, answers
+from ident.experiments.sensor_checks import Answer, answers, lateral_acceleration
 from ident.experiments.sensor_series import SPEEDS, SensorSeries, sensor_series
 from ident.results import Estimate, SensorCheck, Status
 from ident.signals.signal import Run
@@ -212,7 +212,7 @@ def sensor_checks(runs: Sequence[Run]) -> list[SensorCheck]:
     Needs no vehicle file, no steering and no model; what a log lacks is told as not testable.
     """
     found = [sensor_series(run) for run in runs]
-    given = _with_true_speed(found, answers(found))
+    given = _corrected(found, answers(found))
     asked = [(answer, _question(answer, runs)) for answer in given]
     limits = _levels([answer.p_value(question.expected) for answer, question in asked])
     checks = {
@@ -225,16 +225,13 @@ def sensor_checks(runs: Sequence[Run]) -> list[SensorCheck]:
 def _together(checks: dict[str, SensorCheck]) -> dict[str, SensorCheck]:
     """Say of a difference what another difference makes of it."""
     lag, scale = "lateral_acceleration lag", "lateral_acceleration scale"
-    other, gyro = "lateral_velocity lag", "yaw_rate lag"
+    gyro = "yaw_rate lag"
     made = dict(checks)
     if not _differs(checks, lag):
         return made
     if _differs(checks, scale) and checks[scale].effect == "body_roll":
         told = "a body that rolls lags, too: see the scale"
         made[lag] = replace(checks[lag], effect="body_roll", meaning=f"{told}; or {checks[lag].meaning}")
-    elif _differs(checks, other) and abs(_value(checks, lag)) < abs(_value(checks, other)):
-        told = "follows from the lag of the lateral velocity, which takes part in it"
-        made[lag] = replace(checks[lag], effect=checks[other].effect, meaning=told)
     elif _differs(checks, gyro) and _same(checks[lag], checks[gyro]):
         told = f"yaw rate and lateral acceleration alike: the whole inertial unit is late: {CORRECT_LAG}"
         made |= {key: replace(checks[key], meaning=told) for key in (lag, gyro)}
@@ -245,10 +242,6 @@ def _differs(checks: dict[str, SensorCheck], key: str) -> bool:
     return key in checks and checks[key].verdict == "differs"
 
 
-def _value(checks: dict[str, SensorCheck], key: str) -> float:
-    return checks[key].estimate.value or 0.0
-
-
 def _same(one: SensorCheck, other: SensorCheck) -> bool:
     """Whether two estimates are the same but for noise."""
     values = [check.estimate.value or 0.0 for check in (one, other)]
@@ -256,25 +249,45 @@ def _same(one: SensorCheck, other: SensorCheck) -> bool:
     return abs(values[0] - values[1]) < 3 * math.hypot(*std)
 
 
-def _with_true_speed(runs: Sequence[SensorSeries], given: list[Answer]) -> list[Answer]:
-    """Answers again with the right scale of the speed, where the wrong one was all that there is.
+def _corrected(runs: Sequence[SensorSeries], given: list[Answer]) -> list[Answer]:
+    """Answers of the other sensors again, where a wrong one takes part in what is expected of them.
 
-    Lateral acceleration would differ by the scale of the speed alone.
+    The scale of the only speed, and the lag of the lateral velocity, would pass for errors of the
+    accelerometer.
     """
-    scale = next((one for one in given if one.key == "speed scale"), None)
-    alone = all(run.speed_source == SPEEDS[0] for run in runs)
-    wanted = QUESTIONS["speed scale"]
-    if scale is None or scale.value is None or not alone or abs(scale.value - 1) < wanted.negligible:
-        return given
-    if (scale.p_value(1.0) or 0.0) > LEVEL / len(given):
-        return given
-    right = [replace(run, values=_divided(run, scale.value)) for run in runs]
-    mine = [one for one in given if one.signals[0] == SPEEDS[0]]
-    return [*mine, *(one for one in answers(right) if one.signals[0] != SPEEDS[0])]
+    level = LEVEL / max(len(given), 1)
+    speed, drift = (_wrong(given, key, level) for key in ("speed scale", "lateral_velocity lag"))
+    if all(run.speed_source == SPEEDS[0] for run in runs) and speed is not None:
+        runs = [_replaced(run, SPEEDS[0], run.values[SPEEDS[0]] / speed) for run in runs]
+        mine = [one for one in given if one.signals[0] == SPEEDS[0]]
+        given = [*mine, *(one for one in answers(runs) if one.signals[0] != SPEEDS[0])]
+    if drift is not None:
+        runs = [_earlier(run, "lateral_velocity", drift) for run in runs]
+        again = {one.key: one for one in lateral_acceleration(runs)}
+        given = [again.get(one.key, one) for one in given]
+    return given
 
 
-def _divided(run: SensorSeries, scale: float) -> dict[str, NDArray[np.float64]]:
-    return {**run.values, SPEEDS[0]: run.values[SPEEDS[0]] / scale}
+def _wrong(given: Sequence[Answer], key: str, level: float) -> float | None:
+    """Value of a quantity that certainly is not what it should be."""
+    found = next((one for one in given if one.key == key), None)
+    question = QUESTIONS[key]
+    if found is None or found.value is None:
+        return None
+    p_value = found.p_value(question.expected)
+    large = abs(found.value - question.expected) > question.negligible
+    return found.value if large and p_value is not None and p_value < level else None
+
+
+def _replaced(run: SensorSeries, name: str, values: NDArray[np.float64]) -> SensorSeries:
+    return replace(run, values={**run.values, name: values})
+
+
+def _earlier(run: SensorSeries, name: str, lag: float) -> SensorSeries:
+    if name not in run.values:
+        return run
+    moved = np.interp(run.time + lag, run.time, run.values[name], left=np.nan, right=np.nan)
+    return _replaced(run, name, moved)
 
 
 def _question(answer: Answer, runs: Sequence[Run]) -> Question:
