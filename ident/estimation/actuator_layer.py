@@ -127,8 +127,8 @@ class ActuatorLayer:
         if not keys:
             return self._base
         given = start if isinstance(start, ActuatorLayerFit) else None
-        begun = self._begun(keys, given, shapes or {})
         problem = self._problem(keys)
+        begun = self._begun(keys, given, shapes or {})
         sizes = [begun.sizes[key] for key in keys]
         shared = with_effects(begun.shared, problem, sizes, skewed=begun.skewed)
         local = problem.start(shared) if begun.local is None else begun.local
