@@ -14,7 +14,7 @@ vehicle file says.
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -41,14 +41,38 @@ __all__ = [
     "actuator_runs",
     "campaign",
     "drive_campaign",
+    "key_of",
     "loaded_runs",
     "measured",
     "motion_data",
     "noise_floor",
+    "true_parameters",
     "typical",
 ]
 
+TRAVEL = 0.5  # [rad] at which `ident` counts the change of the steering ratio
+DEVICES = {"imu": "inertial_unit"}
 LEAST_SPEED = 2.0  # [m/s] so that the slow circles take part
+
+
+def key_of(one: Injected) -> str:
+    """Return the key under which `ident` lists an effect: its name, and the signal that it acts on."""
+    of = DEVICES.get(one.signal, one.signal)
+    return f"{one.name} {of}" if of else one.name
+
+
+def true_parameters(injected: Sequence[Injected]) -> dict[str, dict[str, float]]:
+    """Return what is injected by key, as `ident` counts it: the ratio by its change at ``TRAVEL``."""
+    made = {}
+    for one in injected:
+        values = dict(one.values)
+        if one.name == "steering_ratio_nonlinearity":
+            values = {
+                "cubic": values["cubic"] * TRAVEL**2,
+                "quadratic": values["quadratic"] * TRAVEL,
+            }
+        made[key_of(one)] = values
+    return made
 
 
 def loaded_runs(runs: Mapping[str, MotionSet], truth: Truth) -> LoadedLogs:

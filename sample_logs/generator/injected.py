@@ -20,12 +20,12 @@ TYPICAL: dict[str, dict[str, float]] = {
     "steering_rate_limit": {"rate": 3.0},  # [rad/s] of the steering wheel
     "steering_dead_zone": {"width": 0.06},  # [rad] of the request at the steering wheel, to one side
     "steering_offset": {"angle": 3e-3},  # [rad] of the road wheels
-    "steering_ratio_nonlinearity": {"cubic": 1.2, "quadratic": 0.0},  # [1/rad²], [1/rad] of the road wheels
+    "steering_ratio_nonlinearity": {"cubic": 0.5, "quadratic": 0.0},  # [1/rad²], [1/rad]: 12 % at 0.5 rad
     "tyre_relaxation": {"length": 0.5},  # [m]
     "load_transfer": {"sensitivity": 0.45, "front_share": 0.4},  # [-] see ``injected_motion``, [-]
     "sensor_latency": {"delay": 0.04},  # [s]
     "sensor_bias": {"bias": 4e-3},  # [rad/s] of the gyro; see BIAS
-    "wheel_speed_scale": {"scale": 0.02},  # [-]
+    "wheel_speed_scale": {"scale": 0.02},  # [-] of the logged speeds, not of the position
     "body_roll": {"gain": 0.011, "frequency": 5.0, "damping": 0.25},  # [rad s²/m], [rad/s], [-]
 }
 BIAS = {YAW_RATE: 4e-3, ACROSS: 0.08, DRIFT: 0.04}  # [rad/s], [m/s²], [m/s]

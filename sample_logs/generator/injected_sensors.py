@@ -49,20 +49,30 @@ def reads(
 
 
 def _odometry(truck: Planar, injected: Sequence[Injected], driven: Driven) -> dict[str, Array]:
-    """Pose and velocity of the middle of the rear axle, and the speed of the wheels."""
+    """Pose and velocity of the middle of the rear axle, and the speed of the wheels.
+
+    The odometry takes its forward velocity from the wheels and its pose from elsewhere, so that a wrong
+    scale of the wheels is in both speeds, unless it is said to be of one of them.
+    """
     state, behind = driven.states.T, truck.body.cg_to_rear_axle
     drift = state[V_Y] - behind * state[TURN]
-    scale = (parameters_of(injected, "wheel_speed_scale") or {}).get("scale", 0.0)
+    scales = {name: 1.0 + _wheel_scale(injected, name) for name in ("speed", "longitudinal_velocity")}
     mounted = (parameters_of(injected, "antenna_offset") or {}).get("heading", 0.0)
     made = {
-        "speed": (1.0 + scale) * driven.speed,
+        "speed": scales["speed"] * driven.speed,
         "position_x": state[X] - behind * np.cos(state[HEADING]),
         "position_y": state[Y] - behind * np.sin(state[HEADING]),
         "heading": state[HEADING] + mounted,
         "longitudinal_velocity": driven.speed * np.cos(mounted) + drift * np.sin(mounted),
         DRIFT: drift * np.cos(mounted) - driven.speed * np.sin(mounted),
     }
+    made["longitudinal_velocity"] = scales["longitudinal_velocity"] * made["longitudinal_velocity"]
     return _biased(made, injected)
+
+
+def _wheel_scale(injected: Sequence[Injected], signal: str) -> float:
+    wrong = [one for one in injected if one.name == "wheel_speed_scale" and one.signal in {"", signal}]
+    return sum(one.values["scale"] for one in wrong)
 
 
 def _imu(truck: Planar, injected: Sequence[Injected], driven: Driven) -> dict[str, Array]:
