@@ -97,7 +97,7 @@ def _yaw_rate(runs: Sequence[SensorSeries]) -> list[Answer]:
     made = [comparison for _, comparison in _made(runs, gyro)]
     names = ("yaw_rate", "heading")
     if not made:
-        return _no("no run holds a yaw rate and a heading", names, "scale", "bias", "lag")
+        return _no("no run holds a measured yaw rate and a heading", names, "scale", "bias", "lag")
     return _three(made, names, 0.005, "rad/s")
 
 

@@ -39,7 +39,8 @@ LEAST_SPEED = 2.0  # [m/s]
 LEAST_RATE = 4.0  # [1/s] of a signal that is compared
 LEAST_SAMPLES = 50
 SPEEDS = ("speed", "longitudinal_velocity")
-STEERING = ("road_wheel_angle", "steering_wheel_angle", "road_wheel_angle_left")
+STEERING = ("road_wheel_angle", "steering_wheel_angle")
+BOTH_WHEELS = ("road_wheel_angle_left", "road_wheel_angle_right")
 
 
 @dataclass(frozen=True)
@@ -94,10 +95,12 @@ def sensor_series(run: Run) -> SensorSeries:
     reference = Reference(grid, angle, velocity, run.vehicle, moves, RATE, MAX_GAP)
     measured = measured_signals(run, {}, reference)
     signals = {signal.name: signal for signal in measured.signals if _usable(signal)}
-    for name in (*SPEEDS, *STEERING):
+    for name in (*SPEEDS, *STEERING, *BOTH_WHEELS):
         if name in run.signals and _usable(run.signals[name]):
             signals[name], _ = without_held(run.signals[name], rest_counts=True)
     values = {name: on_grid(signal, grid) for name, signal in signals.items()}
+    if STEERING[0] not in values and all(name in values for name in BOTH_WHEELS):
+        values[STEERING[0]] = (values[BOTH_WHEELS[0]] + values[BOTH_WHEELS[1]]) / 2
     _cut(values, grid, measured.cuts)
     place = run.vehicle.imu_position if run.vehicle else None
     known = place is not None and measured.reference_known
@@ -143,7 +146,7 @@ def _cut(values: dict[str, Array], grid: Array, cuts: Array) -> None:
         first = min(int(np.searchsorted(grid, after)), grid.size - 1)
         last = max(int(np.searchsorted(grid, before)), first + 1)
         for name, series in values.items():
-            if name not in {*SPEEDS, *STEERING}:
+            if name not in {*SPEEDS, *STEERING, *BOTH_WHEELS}:
                 series[first:last] = np.nan
 
 

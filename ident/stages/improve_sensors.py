@@ -20,6 +20,7 @@ from ident.results import Estimate, SensorCheck, Status
 from ident.signals.signal import Run
 
 LEVEL = 0.05
+WIDEST = 2.5  # half of the 95 % interval over the standard error that is needed
 RATIO = 18.0  # steering wheel over road wheel, for what matters of an angle whose ratio is not known
 
 
@@ -337,14 +338,21 @@ def _check(answer: Answer, question: Question, level: float) -> SensorCheck:
     if p_value <= level and off > question.negligible:
         meaning = _noted(question.differs, answer)
         return replace(base, verdict="differs", effect=_effect(answer, question), meaning=meaning)
-    if answer.std + answer.apart > question.needed:
+    if _is_weak(answer, question):
+        low, high = answer.interval() or (answer.value, answer.value)
         told = (
-            f"cannot be tested: the standard error is {answer.std + answer.apart:.2g} {_unit(question)}, "
-            f"need {question.needed:g}: drive longer and more varied"
+            f"cannot be tested: it is known to ±{(high - low) / 2:.2g} {_unit(question)}".rstrip()
+            + f", need ±{WIDEST * question.needed:.2g}: drive longer and more varied"
         )
         return replace(base, meaning=told)
     small = " (certain, but too small to matter)" if p_value <= level else ""
     return replace(base, verdict="agrees", meaning=_noted(f"as it should be{small}", answer))
+
+
+def _is_weak(answer: Answer, question: Question) -> bool:
+    """Whether a typical difference would go unseen."""
+    low, high = answer.interval() or (-math.inf, math.inf)
+    return (high - low) / 2 > WIDEST * question.needed
 
 
 def _effect(answer: Answer, question: Question) -> str | None:
@@ -366,8 +374,9 @@ def _estimate(answer: Answer, question: Question) -> Estimate:
     interval = answer.interval()
     if interval is None or answer.std is None:
         return Estimate(None, None, None, None, question.unit, "not_identifiable", answer.why_not)
-    weak = answer.std + answer.apart > question.needed
+    weak = _is_weak(answer, question)
     status: Status = "weak" if weak else "identified"
-    reason = f"the standard error is above {question.needed:g} {_unit(question)}".strip() if weak else None
+    wanted = f"{WIDEST * question.needed:.2g} {_unit(question)}".rstrip()
+    reason = f"half of the interval is above {wanted}" if weak else None
     low, high = (float(end) for end in interval)
     return Estimate(float(answer.value or 0.0), float(answer.std), low, high, question.unit, status, reason)

@@ -12,6 +12,7 @@ import pytest
 from generator.effects import campaign, drive_campaign, measured, truth_of
 from generator.injected import Injected, typical
 from motion_runs import with_signals
+from ruamel.yaml import YAML
 from sensed_motion import Drive, sensed
 from truck_runs import run_of, vehicle_of
 
@@ -19,7 +20,8 @@ from ident.results import SensorCheck
 from ident.signals.run import Run, load_runs
 from ident.stages.improve_sensors import sensor_checks
 
-MEASURED = Path(os.environ.get("IDENT_MEASURED", Path(__file__).parents[2] / "../shared/measured"))
+ROOT = Path(__file__).parents[2]
+MEASURED = Path(os.environ.get("IDENT_MEASURED", ROOT / "../shared/measured"))
 needs_measured = pytest.mark.skipif(
     not MEASURED.is_dir(), reason=f"no measured logs at {MEASURED}: set IDENT_MEASURED"
 )
@@ -198,6 +200,31 @@ def test_what_a_log_lacks_is_told_as_not_testable() -> None:
             assert check.p_value is None
 
 
+def test_what_is_known_too_roughly_does_not_agree() -> None:
+    runs = [sensed(replace(VARIED, seconds=60.0), 7, {"lateral_velocity": {"noise": 0.5}})]
+    found = by_name(runs)[TRACK + "bias"]
+    assert found.verdict == "not_testable"
+    assert found.estimate.status == "weak"
+    assert "need ±" in found.meaning
+    assert found.effect is None
+
+
+def test_the_mean_of_both_road_wheels_is_the_steering_angle() -> None:
+    runs = []
+    for run in drive_both_ways(steering_wheel_angle={"bias": 0.1}):
+        wheel = run.signals["steering_wheel_angle"]
+        left, right = (
+            replace(wheel, name=f"road_wheel_angle_{side}", values=wheel.values / 20 + toe)
+            for side, toe in (("left", 0.004), ("right", -0.004))
+        )
+        made = with_signals(run, steering_wheel_angle=None)
+        runs.append(with_signals(made, road_wheel_angle_left=left, road_wheel_angle_right=right))
+    found = by_name(runs)[STRAIGHT]
+    assert (found.verdict, found.effect) == ("differs", "steering_offset")
+    assert found.signals[0] == "road_wheel_angle"
+    assert found.estimate.value == pytest.approx(0.005, abs=5e-4)
+
+
 def test_no_runs_make_no_claims() -> None:
     assert {check.verdict for check in sensor_checks([])} == {"not_testable"}
 
@@ -300,6 +327,19 @@ def test_tyres_and_steering_do_not_look_like_sensors() -> None:
         run_of(name, motion, vehicle_of(driven.truth.planar)) for name, motion in measured(driven, 13).items()
     ]
     assert differing(runs) == {}
+
+
+SEEN_BY_SENSORS = {"sensor_latency", "sensor_bias", "wheel_speed_scale", "gyro_scale", "body_roll"}
+SETS = sorted((ROOT / "sample_logs" / "undeclared").glob("set_*"))
+
+
+@pytest.mark.parametrize("folder", SETS, ids=lambda folder: folder.name)
+def test_of_undeclared_effects_the_sensors_show_theirs_and_no_other(folder: Path) -> None:
+    truth = YAML(typ="safe").load((ROOT / "tests" / "truth" / "undeclared.yaml").read_text(encoding="utf-8"))
+    expected = {each["name"] for each in truth[folder.name]} & SEEN_BY_SENSORS
+    checks = sensor_checks(load_runs([folder]).runs)
+    assert {check.effect for check in checks if check.verdict == "differs"} == expected
+    assert all(check.verdict != "not_testable" for check in checks)
 
 
 # --- measured logs that are not part of the project ------------------------------------------------
