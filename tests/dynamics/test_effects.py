@@ -8,9 +8,21 @@ import sympy
 from vehicle_values import AT_CG, BODY, segments, tyres
 
 from ident.dynamics.bicycle import bicycle
-from ident.dynamics.effects import ROAD_BANK, STEERING_OFFSET, Effect, sensor_bias
+from ident.dynamics.effects import (
+    BODY_ROLL,
+    LOAD_TRANSFER,
+    PROBES,
+    ROAD_BANK,
+    STEERING_OFFSET,
+    STEERING_RATIO_NONLINEARITY,
+    TYRE_RELAXATION,
+    WHEEL_SPEED_SCALE,
+    Effect,
+    sensor_bias,
+)
 from ident.dynamics.effects.sensor_bias import SIZES
 from ident.dynamics.kinematic import kinematic
+from ident.dynamics.longitudinal import driven_bicycle
 from ident.dynamics.parameter import Parameter
 from ident.dynamics.symbols import symbol
 from ident.dynamics.system import System
@@ -126,6 +138,43 @@ def test_a_bias_is_on_its_own_sensor_only(signal: str) -> None:
 def test_refuses_an_effect_at_a_port_that_the_model_does_not_have() -> None:
     with pytest.raises(ValueError, match="road_bank enters at lateral_force"):
         kinematic(effects=(ROAD_BANK,))
+
+
+def test_effects_of_the_measurement_join_the_kinematic_model_and_those_of_the_tyres_do_not() -> None:
+    joined = (STEERING_RATIO_NONLINEARITY, STEERING_OFFSET, WHEEL_SPEED_SCALE, BODY_ROLL)
+    system = kinematic(effects=joined)
+    assert tuple(system.states)[-2:] == ("body_roll_angle", "body_roll_rate")
+    values = VALUES | {name: 0.0 for effect in joined for name in effect.names}
+    kept = {name: value for name, value in values.items() if name in system.parameters}
+    states = {"heading": 0.1, "position_x": 0.0, "position_y": 0.0, "body_roll_rate": 0.0}
+    at = kept | states | {"body_roll_angle": 0.02, "road_wheel_angle": 0.05, "longitudinal_velocity": 8.0}
+    known = {symbol(name): value for name, value in at.items()}
+    for name, expression in system.intermediates.items():
+        known[symbol(name)] = sympy.sympify(expression).xreplace(known)
+    turn = 8.0 * np.tan(0.05) / (BODY["cg_to_front_axle"] + BODY["cg_to_rear_axle"])
+    read = sympy.sympify(system.outputs["lateral_acceleration"]).xreplace(known)
+    assert float(read) == pytest.approx(8.0 * turn + 9.81 * np.sin(0.02))
+    for effect in (TYRE_RELAXATION, LOAD_TRANSFER, PROBES):
+        with pytest.raises(ValueError, match=effect.name):
+            kinematic(effects=(effect,))
+
+
+def test_effects_with_states_join_the_driven_model() -> None:
+    effects = (STEERING_OFFSET, ROAD_BANK, TYRE_RELAXATION, LOAD_TRANSFER, BODY_ROLL, PROBES)
+    system = driven_bicycle("linear", "linear", effects)
+    added = ("front_relaxed_force", "rear_relaxed_force", "body_roll_angle", "body_roll_rate")
+    assert tuple(system.states)[-4:] == added
+    assert set(PROBES.inputs) <= set(system.inputs)
+    assert "load_transfer.height_over_track" in system.parameters
+    with pytest.raises(ValueError, match="wheel_speed_scale enters at longitudinal_velocity"):
+        driven_bicycle("linear", "linear", (WHEEL_SPEED_SCALE,))
+
+
+@pytest.mark.parametrize("kind", ["linear", "piecewise_linear", "brush"])
+def test_two_effects_that_read_the_same_value_of_the_model_give_it_once(kind: str) -> None:
+    system = bicycle(kind, kind, (TYRE_RELAXATION, PROBES))
+    assert system.outputs["front_static_force"] == symbol("at.front_lateral_force")
+    assert system.outputs["front_lateral_force"] == symbol("front_relaxed_force")
 
 
 def test_sizes_lie_inside_their_bounds() -> None:

@@ -8,6 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 from effect_truck import EffectTruck, magic
+from generator.injected import Injected
+from generator.injected_motion import (
+    GRIP,
+    INPUTS,
+    ROLL,
+    SPEED,
+    STEER,
+    STIFFNESS,
+    TURN,
+    V_Y,
+    simulate_truck,
+)
+from generator.truth import Planar, load_truth
 from numpy.typing import NDArray
 from vehicle_values import AT_CG, BODY, LEVEL, tyres
 
@@ -25,6 +38,7 @@ from ident.dynamics.effects import (
 )
 from ident.dynamics.effects.tyre_relaxation import LARGEST_DECAY, shortest_length
 from ident.dynamics.engine import Engine, compiled
+from ident.dynamics.tyres.magic_formula import from_bcde
 
 Array = NDArray[np.float64]
 
@@ -284,3 +298,62 @@ def test_what_a_probe_carries_to_the_outputs_is_what_a_small_push_does() -> None
         largest = np.max(np.abs(difference), axis=0)
         wrong = np.max(np.abs(carried[:, :, 9 + column].T - difference), axis=0)
         assert np.all(wrong <= 1e-4 * largest + 1e-9), name
+
+
+# --- the truck of the undeclared runs ----------------------------------------------------------------
+
+INJECTED: dict[str, tuple[dict[str, float], dict[str, float], float]] = {
+    # name -> what is injected, the same for the model, largest difference as a share of the effect
+    "tyre_relaxation": ({"length": 0.5}, {"tyre_relaxation.length": 0.5}, 1e-5),
+    "body_roll": (
+        {"gain": 0.011, "frequency": 5.0, "damping": 0.25},
+        {"body_roll.gain": 0.011, "body_roll.frequency": 5.0, "body_roll.damping": 0.25},
+        1e-5,
+    ),
+    "load_transfer": (
+        {"sensitivity": 0.45, "front_share": 0.4},
+        {"load_transfer.sensitivity": 0.45, "load_transfer.front_share": 0.4},
+        0.035,  # two wheels of different load on a bent curve lose a little more than one curve says
+    ),
+}
+
+
+def of_truck(truth: Planar) -> dict[str, float]:
+    body = {name: getattr(truth.body, name) for name in BODY}
+    axles = {"front": truth.front, "rear": truth.rear}
+    tyres_of = {
+        f"{axle}.{name}": value
+        for axle, one in axles.items()
+        for name, value in from_bcde(one.stiffness, one.shape, one.peak, one.curvature).items()
+    }
+    return body | tyres_of | {"load_transfer.height_over_track": truth.body.cg_height / truth.body.track}
+
+
+@pytest.mark.parametrize("name", INJECTED)
+def test_an_effect_is_what_the_truck_of_the_undeclared_runs_has(name: str) -> None:
+    truth = load_truth().planar
+    injected, values, share = INJECTED[name]
+    own = of_truck(truth)
+    angle, speed = wiggle(6.0, most=0.07)
+    half = 0.5e-3 * np.arange(2 * round(6.0 / 1e-3) + 1)
+    given = np.zeros((half.size, INPUTS))
+    given[:, STEER] = np.interp(half, STEP * np.arange(angle.size), angle)
+    given[:, SPEED] = np.interp(half, STEP * np.arange(angle.size), speed)
+    given[:, [GRIP, STIFFNESS]] = 1.0
+    after, before = (
+        simulate_truck(truth, effects, half, given, np.zeros(3))
+        for effects in ([Injected(name, injected)], [])
+    )
+    engine = engine_of(*(ROLLING if name == "tyre_relaxation" else STATIC))
+    found = driven(engine, angle, speed, NONE | own | values)
+    base = driven(engine_of(), angle, speed, {n: v for n, v in own.items() if "." not in n or n in VALUES})
+    for signal, of in {
+        "yaw_rate": lambda one: one.states[:, TURN],
+        "lateral_velocity": lambda one: one.states[:, V_Y],
+        "lateral_acceleration": lambda one: one.felt + 9.81 * np.sin(one.states[:, ROLL]),
+    }.items():
+        truth_change = of(after)[::10] - of(before)[::10]
+        change = found[signal] - base[signal]
+        size = np.max(np.abs(truth_change))
+        assert np.max(np.abs(change - truth_change)) <= share * size + 1e-7, signal
+    assert np.max(np.abs(after.felt + 9.81 * after.states[:, ROLL] - before.felt)) > 0.02
