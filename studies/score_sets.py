@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from ident.estimation.layer import BIN, Group, LayerScores, Shape
+from ident.estimation.score_colour import colour
 
 Array = NDArray[np.float64]
 
@@ -253,7 +254,21 @@ class Whitened:
             signals=SIGNALS,
             activities=("rate", "size"),
             groups=self.truck.directions[1],
+            colour=colour(
+                self.gathered,
+                np.column_stack([np.bincount(self.bins, part, count) for part in np.split(rows, 2)])
+                / np.sqrt(each)[:, None],
+                run.astype(np.intp),
+                time + BIN / 2,
+                np.diag(self.gram),
+            ),
         )
+
+    @cached_property
+    def gathered(self) -> Array:
+        """(b, 2, c) directions summed over bins."""
+        sums = np.stack([_sums(part, self.bins) for part in np.split(self.directions, 2)], axis=1)
+        return np.asarray(sums / np.sqrt(np.bincount(self.bins))[:, None, None])
 
     @cached_property
     def gram(self) -> Array:

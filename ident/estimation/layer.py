@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,8 @@ class LayerScores:
     activity : (b, a) how much is going on in each bin: mean squares of what excites the layer
     signals, activities : names of those columns
     groups : the candidates
+    colour : (c,) how much more each score scatters than its length says, by the colour of the residuals
+        (:func:`ident.estimation.score_colour.colour`); taken to be the same for all where it is not given
     """
 
     layer: str
@@ -81,6 +83,7 @@ class LayerScores:
     signals: tuple[str, ...]
     activities: tuple[str, ...]
     groups: tuple[Group, ...]
+    colour: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -127,6 +130,10 @@ class LayerFit(Protocol):
 
     def rms(self) -> dict[str, float]:
         """Root mean square of measured minus modelled, of the runs of the fit."""
+        ...
+
+    def renoised(self) -> Self:
+        """The same effects, with the noise identified anew from what is left."""
         ...
 
     def is_allowed(self) -> dict[str, str]:
@@ -197,6 +204,8 @@ class EffectCard:
     equation : SymPy expression or equation of the changed term
     meaning : in words, one sentence
     shown_by : the run that shows it, in words
+    positive : whether its size cannot be negative
+    meanings : parameter -> what it is, in words
     """
 
     name: str
@@ -208,3 +217,5 @@ class EffectCard:
     equation: object
     meaning: str
     shown_by: str
+    positive: bool = True
+    meanings: Mapping[str, str] = field(default_factory=dict)

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.special import chdtrc, erfc
 
 from ident.estimation.layer import Group, LayerScores, Shape
 from ident.estimation.score_blocks import (
@@ -259,12 +260,15 @@ def _drawn(parts: Components, gram: Array, draws: int, random: np.random.Generat
     alike = parts.mixing.T @ gram @ parts.mixing
     values, vectors = np.linalg.eigh(alike)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    squares = (root @ random.standard_normal((values.size, draws))) ** 2
+    normal = root @ random.standard_normal((values.size, draws))
     out = np.ones((parts.first.size, draws))
     for count in np.unique(parts.count[parts.count > 0]):
         own = np.flatnonzero(parts.count == count)
-        total = sum(squares[parts.first[own] + k] for k in range(int(count)))
-        out[own] = stats.chi2.sf(total, int(count))
+        if count == 1:
+            out[own] = erfc(np.abs(normal[parts.first[own]]) / np.sqrt(2))
+        else:
+            total = sum(normal[parts.first[own] + k] ** 2 for k in range(int(count)))
+            out[own] = chdtrc(float(count), total)
     return out
 
 
