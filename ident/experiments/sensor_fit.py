@@ -77,6 +77,20 @@ class SensorFit:
 
 
 @dataclass(frozen=True)
+class _Prepared:
+    """A run with its derivatives, on the grid time (n,); at (m,): the instants of the rows.
+
+    known, change : (n, 1 + 2 c) fixed part, columns and instruments, and their derivatives; measured : (m,)
+    """
+
+    time: Array
+    at: Array
+    measured: Series
+    known: Series
+    change: Series
+
+
+@dataclass(frozen=True)
 class _Rows:
     """Rows of the regression: y (r,), X and Z (r, k), when (r,) [s], run (r,)."""
 
@@ -129,16 +143,17 @@ def _with_measured(run: Comparison, column: int) -> Comparison:
 
 def _fitted(runs: Sequence[Comparison], *, with_lag: bool) -> SensorFit:
     count = runs[0].columns.shape[1] if runs else 0
-    lag = _scan(runs) if with_lag else 0.0
-    coefficients = _solved(_rows(runs, lag, None))
+    ready = [_prepared(run) for run in runs]
+    lag = _scan(ready) if with_lag else 0.0
+    coefficients = _solved(_rows(ready, lag, None))
     for _ in range(ROUNDS if with_lag else 0):
-        found = _solved(_rows(runs, lag, coefficients))
+        found = _solved(_rows(ready, lag, coefficients))
         step = float(np.clip(found[-1], -STEP, STEP))
         coefficients = found[:-1]
         lag = float(np.clip(lag + step, -LARGEST_LAG, LARGEST_LAG))
         if abs(step) < ENOUGH:
             break
-    rows = _rows(runs, lag, coefficients if with_lag else None)
+    rows = _rows(ready, lag, coefficients if with_lag else None)
     found = _solved(rows)
     rest = rows.y - rows.x @ found
     block = _blocks(rows, rest)
@@ -155,63 +170,66 @@ def _fitted(runs: Sequence[Comparison], *, with_lag: bool) -> SensorFit:
         correlation=_correlation(rows.y, rows.x @ found),
         rest=float(np.std(rest)) if rest.size else np.nan,
         blocks=int(block.max(initial=-1)) + 1,
-        seconds=rows.time.size
-        * EVERY
-        * _step(runs)
-        / (2 if runs and np.iscomplexobj(runs[0].measured) else 1),
+        seconds=_seconds(runs, rows),
     )
 
 
-def _step(runs: Sequence[Comparison]) -> float:
-    return float(runs[0].time[1] - runs[0].time[0]) if runs and runs[0].time.size > 1 else 0.0
+def _seconds(runs: Sequence[Comparison], rows: _Rows) -> float:
+    """How long was compared [s]; a vector has two rows for each instant."""
+    if not runs or runs[0].time.size < 2:
+        return 0.0
+    parts = 2 if np.iscomplexobj(runs[0].measured) else 1
+    return rows.time.size * EVERY * float(runs[0].time[1] - runs[0].time[0]) / parts
 
 
-def _scan(runs: Sequence[Comparison]) -> float:
+def _scan(runs: Sequence[_Prepared]) -> float:
     """Lag on a coarse grid that leaves least; zero unless another is clearly better."""
     lags = np.round(np.arange(-LARGEST_LAG + SCAN, LARGEST_LAG - SCAN / 2, SCAN), 9)
-    thin = [_thinned(run) for run in runs]
     left = []
     for lag in lags.tolist():
-        rows = _rows(thin, lag, None, every=1)
+        rows = _rows(runs, lag, None)
         rest = rows.y - rows.x @ _least_squares(rows.x, rows.y)
         left.append(float(np.mean(rest**2)) if rest.size else np.inf)
     best, zero = int(np.argmin(left)), int(np.argmin(np.abs(lags)))
     return float(lags[best]) if left[best] < 0.9 * left[zero] else 0.0
 
 
-def _thinned(run: Comparison) -> Comparison:
-    """Every ``EVERY``-th sample, of what is smooth: enough to tell a lag coarsely."""
-    return Comparison(
-        run.time[::EVERY],
-        run.measured[::EVERY],
-        run.fixed[::EVERY],
-        run.columns[::EVERY],
-        run.instruments[::EVERY],
-    )
+def _prepared(run: Comparison) -> _Prepared:
+    known = np.column_stack([run.fixed, run.columns, run.instruments])
+    change = np.gradient(known, run.time, axis=0) if run.time.size > 1 else np.zeros_like(known)
+    return _Prepared(run.time, run.time[::EVERY], run.measured[::EVERY], known, change)
 
 
-def _rows(runs: Sequence[Comparison], lag: float, coefficients: Array | None, every: int = EVERY) -> _Rows:
+def _rows(runs: Sequence[_Prepared], lag: float, coefficients: Array | None) -> _Rows:
     """Rows at a lag; with coefficients (c,), the last column is that of the lag."""
-    made = [_rows_of(run, number, lag, coefficients, every) for number, run in enumerate(runs)]
+    made = [_rows_of(run, number, lag, coefficients) for number, run in enumerate(runs)]
     return _Rows(*(np.concatenate([getattr(one, name) for one in made]) for name in _Rows.__annotations__))
 
 
-def _rows_of(run: Comparison, number: int, lag: float, coefficients: Array | None, every: int) -> _Rows:
-    known = [run.fixed, *run.columns.T, *run.instruments.T]
-    fixed, *others = (_later(run.time, one, lag) for one in known)
-    count = len(others) // 2
-    x, z = (np.column_stack(part) for part in (others[:count], others[count:]))
+def _rows_of(run: _Prepared, number: int, lag: float, coefficients: Array | None) -> _Rows:
+    count = run.known.shape[1] // 2
+    fixed, x, z = np.split(_at(run, run.known, lag), [1, 1 + count], axis=1)
+    y = np.asarray(run.measured - fixed[:, 0])
     if coefficients is not None:
-        x = np.column_stack([x, -np.gradient(fixed + x @ coefficients, run.time)])
-        z = np.column_stack([z, -np.gradient(fixed + z @ _sized(x[:, :count], z, coefficients), run.time)])
-    y = np.asarray(run.measured - fixed)
+        fixed_change, x_change, z_change = np.split(_at(run, run.change, lag), [1, 1 + count], axis=1)
+        sized = _sized(x, z, coefficients)
+        x = np.column_stack([x, -fixed_change[:, 0] - x_change @ coefficients])
+        z = np.column_stack([z, -fixed_change[:, 0] - z_change @ sized])
     rows = np.isfinite(y) & np.isfinite(x).all(axis=1) & np.isfinite(z).all(axis=1)
-    rows &= np.arange(run.time.size) % every == 0
-    y, x, z, time = y[rows], x[rows], z[rows], run.time[rows]
+    y, x, z, time = y[rows], x[rows], z[rows], run.at[rows]
     if np.iscomplexobj(run.measured):
         y, x, z = (np.concatenate([one.real, one.imag]) for one in (y, x, z))
         time = np.concatenate([time, time])
     return _Rows(y.real, x.real, z.real, time, np.full(time.size, number, dtype=np.intp))
+
+
+def _at(run: _Prepared, series: Series, lag: float) -> Series:
+    """Series (n, k) later by ``lag`` at the instants of the rows, NaN where unknown."""
+    if lag == 0:
+        return np.asarray(series[::EVERY])
+    at = run.at - lag
+    made = [np.interp(at, run.time, column, left=np.nan, right=np.nan) for column in series.T]
+    return np.column_stack(made)
 
 
 def _sized(x: Series, z: Series, coefficients: Array) -> Array:
@@ -221,17 +239,6 @@ def _sized(x: Series, z: Series, coefficients: Array) -> Array:
         return coefficients
     size = np.linalg.norm(x[both], axis=0) / np.maximum(np.linalg.norm(z[both], axis=0), 1e-300)
     return np.asarray(coefficients * size)
-
-
-def _later(time: Array, series: Series, lag: float) -> Series:
-    """Return the series (n,) later by ``lag``, NaN where it is unknown."""
-    if lag == 0:
-        return series
-    at = time - lag
-    real = np.interp(at, time, series.real, left=np.nan, right=np.nan)
-    if not np.iscomplexobj(series):
-        return np.asarray(real)
-    return np.asarray(real + 1j * np.interp(at, time, series.imag, left=np.nan, right=np.nan))
 
 
 # --- least squares --------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from ident.results import Estimate, SensorCheck, Status
 from ident.signals.signal import Run
 
 LEVEL = 0.05
+SHORTEST = 5.0  # [s] of a run that is looked at
 WIDEST = 2.5  # half of the 95 % interval over the standard error that is needed
 RATIO = 18.0  # steering wheel over road wheel, for what matters of an angle whose ratio is not known
 
@@ -212,7 +213,7 @@ def sensor_checks(runs: Sequence[Run]) -> list[SensorCheck]:
 
     Needs no vehicle file, no steering and no model; what a log lacks is told as not testable.
     """
-    found = [sensor_series(run) for run in runs]
+    found = [sensor_series(run) for run in runs if run.duration >= SHORTEST]
     given = _corrected(found, answers(found))
     asked = [(answer, _question(answer, runs)) for answer in given]
     limits = _levels([answer.p_value(question.expected) for answer, question in asked])

@@ -225,8 +225,20 @@ def test_the_mean_of_both_road_wheels_is_the_steering_angle() -> None:
     assert found.estimate.value == pytest.approx(0.005, abs=5e-4)
 
 
-def test_no_runs_make_no_claims() -> None:
-    assert {check.verdict for check in sensor_checks([])} == {"not_testable"}
+def test_no_runs_and_empty_runs_make_no_claims() -> None:
+    run = sensed(replace(VARIED, seconds=30.0), 8)
+    empty = replace(run, signals={})
+    short = replace(run, duration=0.0, signals=run.signals)
+    for runs in ([], [empty], [short], [empty, short]):
+        assert {check.verdict for check in sensor_checks(runs)} == {"not_testable"}
+
+
+def test_one_broken_run_does_not_take_the_others_with_it() -> None:
+    runs = drive_both_ways()
+    broken = replace(runs[0], signals={"heading": runs[0].signals["heading"]}, name="broken")
+    assert differing([broken, *runs]) == {}
+    tested = [check for check in sensor_checks([broken, *runs]) if check.verdict == "agrees"]
+    assert len(tested) == 17
 
 
 def test_left_and_right_and_the_order_of_runs_change_nothing() -> None:
