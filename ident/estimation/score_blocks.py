@@ -35,6 +35,8 @@ CORRELATED = -0.1  # of neighbouring blocks, beyond chance: from here on a longe
 MOST_FREEDOM = 50.0  # of what directions tell of each other
 LEAST_FREEDOM = 1.5  # of a direction that tells anything of its own
 TAKEN_UP = 1.3  # slow residuals were larger before the fit took its part of them (measured on synthetic sets)
+STANDS_OUT = 16.0  # squared studentised score of a component that is no noise of the others
+MOST_TAKEN = 3  # of those
 DOUBT = 0.3  # part of the scatter by chance that may be no chance: directions are alike, not independent
 DEPENDENT = 1e-8  # part of a shape's directions that counts as none
 
@@ -144,6 +146,16 @@ class BlockScores:
     share: Array
     run: Index
 
+    def without(self, one: int, alike: Array) -> BlockScores:
+        """Free of what component ``one`` explains; alike : (m,) inner products of the others with it.
+
+        Within blocks, components are taken to be as alike as on the whole.
+        """
+        common = np.sqrt(self.share * self.share[:, [one]])
+        total = np.maximum(common.sum(axis=0), 1e-300)
+        taken = self.values[:, one].sum() * alike * common / total
+        return BlockScores(self.values - taken, self.share, self.run)
+
     @cached_property
     def own(self) -> Array:
         """(B, m) freed of what each component itself explains, corrected for that."""
@@ -200,25 +212,40 @@ def in_blocks(parts: Components, scores: LayerScores, seconds: float) -> BlockSc
 
 
 def spread(parts: Components, scores: LayerScores) -> Spread:
-    """The factor of each component, from the shortest blocks whose neighbours are not correlated."""
+    """The factor of each component, from the shortest blocks whose neighbours are not correlated.
+
+    As long as one component stands out, the others are freed of what it explains: it is no noise of theirs.
+    """
     for seconds in BLOCKS:
         blocks = in_blocks(parts, scores, seconds)
         if blocks.neighbours < CORRELATED:
             break
-    raw, freedom = (blocks.own**2).sum(axis=0), blocks.freedom
-    found = _moderated(raw / parts.colour, freedom)
-    beyond_white = np.maximum(found.factor * parts.colour - 1.0, 0.0)
-    return Spread(1.0 + TAKEN_UP * beyond_white, found.freedom, seconds)
+    factor, freedom = _factors(blocks, parts.colour)
+    for _ in range(MOST_TAKEN):
+        statistic = blocks.values.sum(axis=0) ** 2 / factor
+        best = int(np.argmax(statistic)) if statistic.size else 0
+        if not statistic.size or statistic[best] < STANDS_OUT:
+            break
+        blocks = blocks.without(best, parts.mixing.T @ (scores.gram @ parts.mixing[:, best]))
+        factor, freedom = _factors(blocks, parts.colour)
+    return Spread(factor, freedom, seconds)
 
 
-def _moderated(raw: Array, freedom: Array) -> Spread:
+def _factors(blocks: BlockScores, colour: Array) -> tuple[Array, Array]:
+    """(m,), (m,) factors and their degrees of freedom."""
+    raw = (blocks.own**2).sum(axis=0)
+    factor, freedom = _moderated(raw / colour, blocks.freedom)
+    return np.asarray(1.0 + TAKEN_UP * np.maximum(factor * colour - 1.0, 0.0)), freedom
+
+
+def _moderated(raw: Array, freedom: Array) -> tuple[Array, Array]:
     """Draw each factor towards what the others say, as far as they agree (Smyth 2004, section 6).
 
     Those that know their own better say more of how far they agree.
     """
     told = freedom > LEAST_FREEDOM
     if np.count_nonzero(told) < 3:
-        return Spread(raw, np.maximum(freedom, 1e-3), 0.0)
+        return raw, np.maximum(freedom, 1e-3)
     half = freedom[told] / 2
     logs = np.log(np.maximum(raw[told], 1e-300)) - digamma(half) + np.log(half)
     chance = polygamma(1, half)
@@ -229,7 +256,7 @@ def _moderated(raw: Array, freedom: Array) -> Spread:
     centre = float(np.exp(mean + digamma(prior / 2) - np.log(prior / 2)))
     own = np.where(told, freedom, 0.0)
     factor = (prior * centre + own * raw) / (prior + own)
-    return Spread(factor, own + prior, 0.0)
+    return factor, own + prior
 
 
 def _inverse_trigamma(value: float) -> float:

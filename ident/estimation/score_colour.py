@@ -6,6 +6,7 @@ runs together, and give each direction d, gathered likewise,
 
     colour = (what of d'd lies within bins + sum over lags of D' C(lag) D) / d'd.
 
+An effect that is there is no noise: as long as one direction stands out, it is taken off the residuals first.
 Noise alike in all runs is assumed; the spread of the scores themselves is held against it
 (:mod:`ident.estimation.score_blocks`).
 """
@@ -23,6 +24,8 @@ Index = NDArray[np.intp]
 
 LONGEST = 8.0  # [s] of the lags; from half of it on they count less and less
 LEAST = 0.3  # no direction scatters less than this
+STANDS_OUT = 16.0  # squared score over its variance, of a direction that is taken off
+MOST_TAKEN = 3  # of those
 
 
 def colour(directions: Array, residual: Array, run: Index, time: Array, length: Array) -> Array:
@@ -39,6 +42,22 @@ def colour(directions: Array, residual: Array, run: Index, time: Array, length: 
     -------
     (c,) one where nothing is left of a direction
     """
+    found = _colour(directions, residual, run, time, length)
+    left = residual
+    for _ in range(MOST_TAKEN):
+        total = np.einsum("bsc,bs->c", directions, left)
+        slow = (directions**2).sum(axis=(0, 1))
+        statistic = total**2 / np.maximum(slow * found, 1e-300)
+        best = int(np.argmax(statistic)) if statistic.size else 0
+        if not statistic.size or statistic[best] < STANDS_OUT:
+            break
+        left = left - total[best] / slow[best] * directions[:, :, best]
+        found = _colour(directions, left, run, time, length)
+    return found
+
+
+def _colour(directions: Array, residual: Array, run: Index, time: Array, length: Array) -> Array:
+    """See :func:`colour`; nothing is taken off."""
     places = [_places(time[run == each]) for each in np.unique(run)]
     size = next_fast_len(int(max(place.max(initial=0) for place in places) + 1 + LONGEST / BIN), real=True)
     left = [_on_grid(residual[run == each], p, size) for each, p in zip(np.unique(run), places, strict=True)]

@@ -94,7 +94,7 @@ def test_the_interval_of_a_gain_holds() -> None:
     random = np.random.default_rng(5)
     held = []
     for _ in range(200):
-        slow = np.repeat(random.standard_normal(BINS // 4), 32)  # the same for 8 s: a block
+        slow = np.repeat(random.standard_normal(BINS), 8)  # the same for 2 s
         gain = 0.3 + slow + random.standard_normal(slow.size)
         before, after = likelihood(np.zeros(gain.size)), likelihood(2 * gain)
         mean, low, high = gain_interval(before, after)

@@ -64,11 +64,12 @@ def test_an_effect_is_found_and_its_size_estimated(key: str) -> None:
     found = screen([scores], draws=400)
     one = found.of(key)
     assert found.rejected
-    assert one.p_value < 1e-6
+    assert one.p_value < 1e-3
     assert one.shape is not None
     if len(next(g for g in scores.groups if g.key == key).shapes) == 1:
         assert abs(one.size[0] - size) < 3.5 * one.size[1]
-        assert one.size[1] == pytest.approx(size / 12, rel=0.3)
+        # never surer than white noise allows, and not much less sure
+        assert 0.9 < 12 * one.size[1] / size < 1.8
 
 
 def test_a_strong_effect_that_shows_in_few_blocks_is_found() -> None:
