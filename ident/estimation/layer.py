@@ -24,6 +24,7 @@ from ident.results import EffectEstimate, Refusal
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+SIZE = "size"
 BIN = 0.25  # [s] of what scores are gathered in
 
 
@@ -162,7 +163,9 @@ class Layer(Protocol):
     ) -> LayerFit:
         """Fit the base model with these effects, all parameters free.
 
-        start : a fit to begin from; shapes : key -> values of its parameters to begin from, several starts
+        start : a fit to begin from
+        shapes : key -> values of its parameters to begin from, several starts; ``SIZE`` stands for the first
+            parameter where its own name is not among them
         """
         ...
 

@@ -58,7 +58,9 @@ def trajectory_of(point: VehiclePoint) -> Trajectory:
     values = dict(zip(engine.inputs, inputs.T, strict=True))
     values |= dict(zip(engine.outputs, outputs.T, strict=True))
     values |= {f"state.{name}": column for name, column in zip(engine.states, states.T, strict=True)}
-    values |= {name: column for name, column in zip(engine.states, states.T, strict=True) if name not in values}
+    values |= {
+        name: column for name, column in zip(engine.states, states.T, strict=True) if name not in values
+    }
     run = np.repeat(windows.run, np.diff(windows.offsets))
     return Trajectory(values, windows.offsets, windows.times, run)
 

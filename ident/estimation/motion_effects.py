@@ -27,7 +27,6 @@ from ident.estimation.vehicle_problem import Coordinate, RunTerm
 
 Array = NDArray[np.float64]
 
-PLAY_WIDTHS = (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016)  # [rad] of the screen
 LONGEST_DELAY = 0.2  # [s]
 LEAD = 0.2  # [s] by which windows begin before their samples
 PLAY = Parameter("width", "rad", 5e-5, 0.06, 3e-3, "whole play between the angle sensor and the road wheels")

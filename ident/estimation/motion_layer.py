@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from ident.dynamics.bicycle import bicycle
 from ident.dynamics.effects import ROAD_BANK, STEERING_OFFSET
+from ident.dynamics.effects.catalogue import CATALOGUE
 from ident.dynamics.effects.load_transfer import HEIGHT
 from ident.dynamics.effects.probes import PROBES
 from ident.dynamics.effects.tyre_relaxation import LENGTH, shortest_length
 from ident.dynamics.engine import Engine, compiled
 from ident.estimation.gauss_newton import minimise
-from ident.estimation.layer import HeldOut, LayerScores, Likelihood
+from ident.estimation.layer import SIZE, EffectCard, HeldOut, LayerScores, Likelihood
 from ident.estimation.motion_effects import LEAD, MotionEffect, motion_effects, testable
 from ident.estimation.motion_scores import Projection
 from ident.estimation.motion_screen import motion_scores
@@ -36,7 +37,7 @@ from ident.estimation.vehicle_fit import (
     rough_point,
 )
 from ident.estimation.vehicle_point import VehiclePoint
-from ident.estimation.vehicle_problem import ALONG, Around, Coordinate, RunTerm, VehicleProblem
+from ident.estimation.vehicle_problem import Around, Coordinate, RunTerm, VehicleProblem
 from ident.estimation.vehicle_records import MotionRecord, Windows, cut
 from ident.results import EffectEstimate, Estimate, Refusal
 
@@ -45,12 +46,33 @@ Index = NDArray[np.intp]
 
 KIND = "magic_formula"
 HEADING = RunTerm("heading", SENSOR_BIAS["heading"])
-PARTS_ORDER = ("wheel_speed_scale", "steering_ratio_nonlinearity", "tyre_relaxation", "load_transfer", "body_roll")
+PARTS_ORDER = (
+    "wheel_speed_scale",
+    "steering_ratio_nonlinearity",
+    "tyre_relaxation",
+    "load_transfer",
+    "body_roll",
+)
 NOISE_ROUNDS = 3
 ITERATIONS = 10
 SETTLING = 4  # steps of initial states alone
 MOST_STARTS = 6
 Z = 1.959964
+EITHER_SIGN = (
+    "steering_offset", "sensor_bias", "road_bank", "steering_ratio_nonlinearity", "wheel_speed_scale", "antenna_offset"
+)  # fmt: skip
+TOLD_AS = {
+    ("steering_offset", "steering_offset"): "angle",
+    ("road_bank", "bank_cos"): "bank_cos",
+    ("road_bank", "bank_sin"): "bank_sin",
+}
+
+
+def told_as(effect: MotionEffect, name: str) -> str:
+    """Name of a parameter of an effect in the JSON."""
+    if effect.name == "sensor_bias":
+        return "bias"
+    return TOLD_AS.get((effect.name, name), name.rpartition(".")[2])
 
 
 def engine_of(effects: Sequence[MotionEffect], kind: str = KIND) -> Engine:
@@ -101,13 +123,19 @@ class MotionLayer:
         """The base model with these effects."""
         effects = [self.effects[key] for key in keys]
         engine = engine_of(effects)
-        coordinates = [one for one in coordinates_of(KIND, self.body, reference=self._reference_open) if one.name != "steering_offset"]
+        coordinates = [
+            one
+            for one in coordinates_of(KIND, self.body, reference=self._reference_open)
+            if one.name != "steering_offset"
+        ]
         coordinates += [self._bounded(one) for effect in effects for one in effect.coordinates]
         own = {one.name for one in coordinates}
         given = {"mass": self.body.mass, "steering_offset": 0.0, **dict.fromkeys(BANK, 0.0)}
         given |= {n: float(getattr(self.body, n)) for n in ("cg_to_front_axle", "cg_to_rear_axle")}
         given[HEIGHT.name] = self.height_over_track or HEIGHT.typical
-        fixed = {name: value for name, value in given.items() if name in engine.parameters and name not in own}
+        fixed = {
+            name: value for name, value in given.items() if name in engine.parameters and name not in own
+        }
         terms = [*self.base_terms, *(term for effect in effects for term in effect.run_terms)]
         around = Around(
             tuple(block for effect in effects for block in effect.blocks),
@@ -150,21 +178,34 @@ class MotionLayer:
         self, keys: Sequence[str], shapes: Mapping[str, Sequence[Mapping[str, float]]]
     ) -> list[dict[str, float]]:
         """Values of the effects' coordinates to begin with, one for each combination of shapes."""
-        own = [shapes.get(key) or [{}] for key in keys]
+        own = [[self._named(key, one) for one in shapes.get(key) or [{}]] for key in keys]
         made = [{k: v for part in parts for k, v in part.items()} for parts in product(*own)]
         return made[:MOST_STARTS]
 
+    def _named(self, key: str, given: Mapping[str, float]) -> dict[str, float]:
+        """Values to begin with by the names of coordinates; "size" stands for the first of the effect."""
+        effect = self.effects[key]
+        made = {name: value for name, value in given.items() if name != SIZE}
+        if effect.coordinates and SIZE in given and effect.coordinates[0].name not in made:
+            made[effect.coordinates[0].name] = given[SIZE]
+        return made
+
     def _point(
-        self, problem: VehicleProblem, keys: Sequence[str], start: MotionFit | None, given: Mapping[str, float]
+        self,
+        problem: VehicleProblem,
+        keys: Sequence[str],
+        start: MotionFit | None,
+        given: Mapping[str, float],
     ) -> VehiclePoint:
         """Where a fit begins: at a fit with fewer effects, or at the start of the layer."""
         known = dict(self.start) if start is None else dict(start.parameters)
         typical = {
-            one.name: self.effects[key].sizes[one.name].typical * (1.0 if one.logarithmic else 0.0)
-            for key in keys
-            for one in self.effects[key].coordinates
+            one.name: size.typical if one.logarithmic or one is not effect.coordinates[0] else 0.0
+            for effect in (self.effects[key] for key in keys)
+            for one, size in zip(effect.coordinates, effect.sizes.values(), strict=True)
         }
-        values = {**typical, **known, **given}
+        possible = {name: value for name, value in given.items() if value > 0 or name not in typical or not typical[name]}
+        values = {**typical, **known, **possible}
         shared = np.array([one.coordinate(values.get(one.name, 0.0)) for one in problem.coordinates])
         of_runs = np.zeros((problem.windows.runs, len(problem.run_terms)))
         local = problem.initial_local
@@ -191,6 +232,24 @@ class MotionLayer:
         records = [replace(r, run=place[r.run]) for r in self.records if r.run in place]
         return replace(self, records=records, runs=list(kept))
 
+    def effect(self, key: str) -> EffectCard:
+        """See :class:`~ident.estimation.layer.Layer`."""
+        effect = motion_effects()[key]
+        entry, size = CATALOGUE[effect.name], next(iter(effect.sizes.values()))
+        return EffectCard(
+            name=effect.name,
+            enters=entry.enters,
+            of=effect.of,
+            size=entry.parameters[0].name,
+            unit=size.unit,
+            typical=abs(size.typical),
+            equation=entry.equation,
+            meaning=entry.meaning,
+            shown_by=entry.shown_by,
+            positive=effect.name not in EITHER_SIGN,
+            meanings={told_as(effect, one.name): one.meaning for one in effect.sizes.values()},
+        )
+
     def held_out(self, fit: MotionFit, runs: Sequence[str]) -> HeldOut:
         """See :class:`~ident.estimation.layer.Layer`."""
         layer = self.of_runs(runs)
@@ -214,7 +273,9 @@ def _begun(problem: VehicleProblem, effects: Sequence[MotionEffect], before: Veh
     first = problem.windows.offsets[:-1]
     for state, output in begins.items():
         if state not in before.problem.engine.states:
-            made[:, problem.engine.states.index(state)] = outputs[first, before.problem.engine.outputs.index(output)]
+            made[:, problem.engine.states.index(state)] = outputs[
+                first, before.problem.engine.outputs.index(output)
+            ]
     return made
 
 
@@ -282,7 +343,7 @@ class MotionFit:
         return self.point.problem.values(self.point.shared)
 
     def renoised(self) -> MotionFit:
-        """The same effects with the noise identified anew from what is left."""
+        """See :class:`~ident.estimation.layer.LayerFit`."""
         point = self.point
         for number in range(NOISE_ROUNDS):
             point = _minimised(point)
@@ -330,7 +391,7 @@ class MotionFit:
         names = [one.name for one in fit.point.problem.coordinates]
         made = {}
         for name, parameter in effect.sizes.items():
-            short = parameter.name.rpartition(".")[2]
+            short = told_as(effect, parameter.name)
             if name in names:
                 index = names.index(name)
                 made[short] = _of_coordinate(
@@ -341,11 +402,8 @@ class MotionFit:
                 )
             else:
                 value, std = self._mean_of_runs(fit, name)
-                made[CATALOGUE_NAME.get(effect.name, short)] = Estimate(
-                    value, std, value - Z * std, value + Z * std, parameter.unit
-                )
-        first = effect.parts[0].enters if effect.parts else ENTERS[effect.name]
-        return EffectEstimate(effect.name, first, made, effect.of)
+                made[short] = Estimate(value, std, value - Z * std, value + Z * std, parameter.unit)
+        return EffectEstimate(effect.name, CATALOGUE[effect.name].enters, made, effect.of)
 
     def _mean_of_runs(self, fit: VehicleFit, term: str) -> tuple[float, float]:
         values, std = self._of_runs(fit, term)
@@ -371,13 +429,18 @@ class MotionFit:
         for run in fit.point.by_run:
             own, rest = run.rows[:, index], run.rows[:, -1]
             told = float(own @ own)
-            values.append(coordinate.value(float(fit.shared[index])) + slope * float(own @ rest) / max(told, 1e-300))
+            values.append(
+                coordinate.value(float(fit.shared[index])) + slope * float(own @ rest) / max(told, 1e-300)
+            )
             stds.append(slope * np.sqrt(wider / told) if told > 0 else np.inf)
         return np.array(values), np.array(stds)
 
     def is_allowed(self) -> dict[str, str]:
         """See :class:`~ident.estimation.layer.LayerFit`."""
-        coordinates = {one.name: (one, at) for one, at in zip(self.point.problem.coordinates, self.point.shared, strict=True)}
+        coordinates = {
+            one.name: (one, at)
+            for one, at in zip(self.point.problem.coordinates, self.point.shared, strict=True)
+        }
         told = {}
         for key in self.keys:
             for name in self.layer.effects[key].sizes:
@@ -385,15 +448,10 @@ class MotionFit:
                     continue
                 one, at = coordinates[name]
                 if not one.low < at < one.high and name == next(iter(self.layer.effects[key].sizes)):
-                    told[key] = f"{name.rpartition('.')[2]} runs to {one.value(at):.3g}, the end of what is possible"
+                    told[key] = (
+                        f"{name.rpartition('.')[2]} runs to {one.value(at):.3g}, the end of what is possible"
+                    )
         return told
-
-
-CATALOGUE_NAME = {"sensor_bias": "bias", "antenna_offset": "heading"}
-ENTERS = {
-    "steering_offset": "G", "road_bank": "Y", "steering_linkage_play": "G", "sensor_latency": "M",
-    "sensor_bias": "M", "antenna_offset": "M",
-}  # fmt: skip
 
 
 def _of_coordinate(one: Coordinate, at: float, std: float, unit: str) -> Estimate:

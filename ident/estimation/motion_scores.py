@@ -60,7 +60,11 @@ def bins_of(point: VehiclePoint) -> Bins:
     windows = point.problem.windows
     middles = []
     for number, record in enumerate(windows.records):
-        begins = [s.times[s.begins[number]] for s in windows.signals.values() if s.begins[number + 1] > s.begins[number]]
+        begins = [
+            s.times[s.begins[number]]
+            for s in windows.signals.values()
+            if s.begins[number + 1] > s.begins[number]
+        ]
         begin = min(begins, default=record.times[0])
         count = max(1, int(np.ceil((record.times[-1] - begin) / BIN - 1e-9)))
         middles.append(begin + BIN * (np.arange(count) + 0.5))

@@ -82,9 +82,7 @@ def motion_scores(
     """
     path = trajectory_of(point)
     windows = point.problem.windows
-    along = AlongTrajectory(
-        path.values, windows.steps, windows.offsets, point.problem.values(point.shared)
-    )
+    along = AlongTrajectory(path.values, windows.steps, windows.offsets, point.problem.values(point.shared))
     made = _Collected()
     for effect in candidates:
         _of_effect(made, effect, path, along, point)
@@ -174,7 +172,8 @@ def _of_model(
                 if name in point.residuals
             }
             columns.append(made.alone(Probe(inputs, signals)))
-        shapes.append(Shape(tuple(columns), form.at))
+        at = {f"{effect.name}.{name}": value for name, value in form.at.items()}
+        shapes.append(Shape(tuple(columns), at))
     return shapes
 
 
@@ -189,7 +188,11 @@ def _of_basis(made: _Collected, path: Trajectory, point: VehiclePoint, body: Bod
             continue
         side = made.probe(push("lateral_force", functions[name], sizes))
         turn = made.probe(push("yaw_moment", functions[name], sizes))
-        parts = {"lateral_force": {side: 1.0}, "front_tyre": {side: 1.0, turn: arm}, "yaw_moment": {turn: 1.0}}
+        parts = {
+            "lateral_force": {side: 1.0},
+            "front_tyre": {side: 1.0, turn: arm},
+            "yaw_moment": {turn: 1.0},
+        }
         for equation in EQUATIONS:
             shape = Shape((made.direction(parts[equation]),), size=COEFFICIENT)
             made.groups.append(Group(f"{equation}: {name}", (shape,)))

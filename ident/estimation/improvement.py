@@ -1,0 +1,257 @@
+"""The loop: what is left, where it points, which effect takes it away; one effect after another.
+
+Each round tests everything that the present fits have not got, over all layers together (the gate and the
+screen), fits the candidates that the screen names in full, and adds the one of the largest likelihood. It
+stops at the first round in which nothing is left, which keeps the level of the whole.
+
+An effect has a name only if nothing is left once it is in, if it is physically possible, if it is of the same
+size in all runs, and if no generic term of the same layer does clearly better than it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from ident.estimation.candidate_set import Classes, candidate_set
+from ident.estimation.layer import SIZE, Layer, LayerFit
+from ident.estimation.residual_tests import Screen, Screened, screen
+
+Array = NDArray[np.float64]
+
+SURVIVORS = 5
+MOST_EFFECTS = 8
+SHAPES_TRIED = 2  # of the best that a full fit begins from
+CLEARLY = 10.0  # of 2 log likelihood: by which a generic term beats an effect for certain
+AT_LEAST = 0.5  # of what its score promised, that a full fit has to gain
+
+NOTHING_LEFT = "nothing is left that noise does not explain"
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One candidate of a round.
+
+    screened : its score; fit : in full, None where it was not fitted
+    gain : 2 log likelihood over the fit without it, by the noise of the best
+    why_not : why it was not added, None where it was
+    """
+
+    key: str
+    screened: Screened
+    fit: LayerFit | None = None
+    gain: float | None = None
+    in_class: bool = False
+    why_not: str | None = None
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round of the loop.
+
+    layer : in which something was tried, None where nothing was left
+    rival : the best generic term of that layer, by its score
+    """
+
+    screen: Screen
+    layer: str | None
+    tried: tuple[Tried, ...]
+    added: str | None
+    members: tuple[str, ...]
+    rival: Screened | None
+    why: str
+
+
+@dataclass
+class Improvement:
+    """What the loop has come to.
+
+    base, fits : layer -> fit without effects, and with all that were added
+    rounds : in order; the gate of the last one is that of the final fits
+    added : (layer, key) in order
+    """
+
+    layers: Mapping[str, Layer]
+    base: dict[str, LayerFit]
+    fits: dict[str, LayerFit]
+    rounds: list[Round] = field(default_factory=list)
+    added: list[tuple[str, str]] = field(default_factory=list)
+
+    @property
+    def passes(self) -> bool:
+        """Whether nothing is left."""
+        return not self.rounds[-1].screen.rejected
+
+    def members(self, key: str) -> tuple[str, ...]:
+        """The class of an effect that was added, itself first."""
+        return next(one.members for one in self.rounds if one.added == key)
+
+
+def improve_layers(
+    layers: Sequence[Layer],
+    *,
+    level: float,
+    draws: int,
+    seed: int,
+    effects: Sequence[str] | None = None,
+    survivors: int = SURVIVORS,
+    most_effects: int = MOST_EFFECTS,
+    progress: Progress = lambda _what, _done, _total: None,
+) -> Improvement:
+    """Run the loop.
+
+    Parameters
+    ----------
+    effects : names that may be added; all that are built where None
+    survivors : of the screen, that are fitted in full; most_effects : that are added
+    """
+    progress("fit the base model", 0, most_effects)
+    base = {layer.name: layer.fitted() for layer in layers}
+    found = Improvement({layer.name: layer for layer in layers}, base, dict(base))
+    for number in range(most_effects + 1):
+        progress(f"test what is left, round {number + 1}", number, most_effects)
+        looked = screen(
+            [fit.scores() for fit in found.fits.values()], level=level, draws=draws, seed=seed + number
+        )
+        if not looked.rejected:
+            found.rounds.append(
+                Round(looked, None, (), None, (), None, "nothing is left that noise does not explain")
+            )
+            break
+        if number == most_effects:
+            why = f"something is left after {most_effects} effects"
+            found.rounds.append(Round(looked, _layer_of(looked), (), None, (), None, why))
+            break
+        one = _round(found, looked, effects, survivors)
+        found.rounds.append(one)
+        if one.added is None or one.layer is None:
+            break
+        fit = next(t.fit for t in one.tried if t.key == one.added)
+        found.fits[one.layer] = fit  # type: ignore[assignment]
+        found.added.append((one.layer, one.added))
+    return found
+
+
+def _layer_of(looked: Screen) -> str | None:
+    return looked.strongest.layer if looked.strongest else None
+
+
+def _round(
+    found: Improvement, looked: Screen, effects: Sequence[str] | None, survivors: int
+) -> Round:
+    """Fit what the screen names, in the layer in which most is left, and choose."""
+    layer = _where(looked)
+    fit = found.fits[layer]
+    own = [one for one in looked.groups if one.layer == layer and one.untestable is None]
+    generic = [one for one in own if one.effect is None and one.shape is not None]
+    rival = max(generic, key=lambda one: one.statistic, default=None)
+    candidates = [one for one in own if one.effect is not None and (effects is None or one.effect in effects)]
+    candidates.sort(key=lambda one: -one.statistic)
+    tried: list[Tried] = []
+    for one in candidates:
+        why_not = _not_worth(one, found.layers[layer], looked.level)
+        if why_not is None and sum(t.why_not is None for t in tried) >= survivors:
+            why_not = f"its score is below those of the {survivors} that were fitted"
+        tried.append(Tried(one.key, one, why_not=why_not))
+    tried = [_fitted(t, found.layers[layer], fit) if t.why_not is None else t for t in tried]
+    return _chosen(found, looked, layer, tried, rival)
+
+
+def _where(looked: Screen) -> str:
+    """The layer in which most is left for certain."""
+    first = looked.strongest
+    assert first is not None
+    sure = [one for one in looked.groups if one.untestable is None and one.p_value <= looked.level]
+    return max(sure, key=lambda one: one.statistic / max(one.freedom, 1), default=first).layer
+
+
+def _not_worth(one: Screened, layer: Layer, level: float) -> str | None:
+    """Why a candidate is not fitted in full, None where it is."""
+    if one.p_value > level:
+        return f"its score does not stand out (p = {one.p_value:.2g}, all that was looked at together)"
+    if layer.effect(one.key).positive and one.freedom == 1 and one.size[0] < 0:
+        return "its size would have to be negative"
+    return None
+
+
+def _fitted(one: Tried, layer: Layer, fit: LayerFit) -> Tried:
+    """Fit a candidate with all that is there already, from the best of its shapes."""
+    shape, size = one.screened.shape, one.screened.size[0]
+    start = {**(shape.at if shape is not None else {}), **({SIZE: size} if np.isfinite(size) else {})}
+    try:
+        made = layer.fitted((*fit.keys, one.key), start=fit, shapes={one.key: [start]})
+    except ValueError as error:
+        return replace(one, why_not=str(error))
+    told = made.is_allowed()
+    return replace(one, fit=made, why_not=told.get(one.key))
+
+
+def _chosen(
+    found: Improvement, looked: Screen, layer: str, tried: list[Tried], rival: Screened | None
+) -> Round:
+    possible = [one for one in tried if one.fit is not None and one.why_not is None]
+    if not possible:
+        why = "something is left, and no effect of the catalogue that could be fitted explains it"
+        return Round(looked, layer, tuple(tried), None, (), rival, why)
+    fits = {one.key: one.fit for one in possible if one.fit is not None}
+    rough = {key: float(fit.likelihood(fit).values.sum()) for key, fit in fits.items()}
+    like = fits[max(rough, key=lambda key: rough[key])].renoised()
+    before = found.fits[layer].likelihood(like)
+    likelihoods = {key: fit.likelihood(like) for key, fit in fits.items()}
+    gains = {key: float(one.values.sum() - before.values.sum()) for key, one in likelihoods.items()}
+    freedom = {key: fit.freedom for key, fit in fits.items()}
+    classes = candidate_set(likelihoods, freedom, base=before, level=looked.level)
+    best = classes.best
+    tried = [_judged(one, gains, classes, best) for one in tried]
+    tried.sort(key=lambda one: (one.gain is None, -(one.gain or 0.0), -one.screened.statistic))
+    threshold = float(chi2.isf(looked.level, max(1, freedom[best] - found.fits[layer].freedom)))
+    if gains[best] < threshold:
+        why = f"{best} does not gain what its score promised ({gains[best]:.1f})"
+        undone = tuple(
+            replace(one, why_not=one.why_not or "it gains nothing fitted in full") for one in tried
+        )
+        return Round(looked, layer, undone, None, (), rival, why)
+    members = (best, *(key for key in classes.members if key != best))
+    fit = like if like.keys == fits[best].keys else fits[best].renoised()
+    tried = [replace(one, fit=fit) if one.key == best else one for one in tried]
+    return Round(looked, layer, tuple(tried), best, members, rival, _reason(best, members, gains))
+
+
+def _judged(one: Tried, gains: Mapping[str, float], classes: Classes, best: str) -> Tried:
+    if one.key not in gains:
+        return one
+    gain = gains[one.key]
+    inside = one.key in classes.members
+    why = None
+    if one.key != best:
+        behind = gains[best] - gain
+        why = (
+            f"cannot be told from {best} (2 log likelihood {behind:.1f} below it)"
+            if inside
+            else f"2 log likelihood {behind:.1f} below {best}"
+        )
+    return replace(one, gain=gain, in_class=inside, why_not=why)
+
+
+def _reason(best: str, members: Sequence[str], gains: Mapping[str, float]) -> str:
+    told = f"{best} gains {gains[best]:.0f} in 2 log likelihood"
+    others = [key for key in members if key != best]
+    if others:
+        return f"{told}; these data cannot tell it from {', '.join(others)}"
+    rest = sorted((value for key, value in gains.items() if key != best), reverse=True)
+    return f"{told}, the next {rest[0]:.0f}" if rest else told
+
+
+def beaten(found: Improvement) -> Round | None:
+    """The round in which a generic term did clearly better than the effect that was added, if any."""
+    for one in found.rounds:
+        gain = next((t.gain for t in one.tried if t.key == one.added), None)
+        if gain is not None and one.rival is not None and one.rival.statistic > gain + CLEARLY:
+            return one
+    return None
