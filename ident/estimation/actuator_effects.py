@@ -1,11 +1,12 @@
 """The steering actuator with effects as an output-error problem, for any number of them at once.
 
-theta = (K, L, a1, shape, bias of each run, log size of each effect). The shape is rho = T1 T2 / a1² as in
-``actuator_likelihood``; with a limited rate, which needs real lags in a known order, it is the skew
-(T1 - T2) / a1 between -1 and 1, whose sign says which of the lags is limited. Local to a record are those of
-``actuator_likelihood`` (initial angle and rate, command before the first and how early the first took effect,
-lost commands) and the place of the column within its play when the record began, as a part of the width: it
-is somewhere, with equal chance.
+theta = (K, L, a1, shape, bias of each run, size of each effect). Sizes are not taken as logarithms: the
+angle is linear in them piece by piece (w / 2 to one side, ρ t, K d), and no effect at all lies within
+reach. The shape is rho = T1 T2 / a1² as in ``actuator_likelihood``; with a limited rate, which needs real
+lags in a known order, it is the skew (T1 - T2) / a1 between -1 and 1, whose sign says which of the lags is
+limited. Local to a record are those of ``actuator_likelihood`` (initial angle and rate, command before the
+first and how early the first took effect, lost commands) and the place of the column within its play when
+the record began, as a part of the width: it is somewhere, with equal chance.
 """
 
 from __future__ import annotations
@@ -100,8 +101,8 @@ class EffectsProblem:
 
     def sizes(self, shared: Array) -> dict[str, float]:
         """Size of each effect, by name."""
-        values = np.exp(shared[self.first_size :])
-        return {effect.name: float(size) for effect, size in zip(self.effects, values, strict=True)}
+        values = shared[self.first_size :].tolist()
+        return {effect.name: size for effect, size in zip(self.effects, values, strict=True)}
 
     def inside(self, shared: Array) -> Array:
         """Clip to the physical region."""
@@ -112,24 +113,38 @@ class EffectsProblem:
         ends = (-LARGEST_SKEW, LARGEST_SKEW) if self.limited else (SHORTEST_LAG_SHARE, LARGEST_RATIO)
         low[RATIO], high[RATIO] = ends
         for place, effect in enumerate(self.effects, start=self.first_size):
-            low[place] = np.log(self.scale * effect.size.low)
-            high[place] = np.log(self.scale * effect.size.high)
+            low[place] = self.scale * effect.size.low
+            high[place] = self.scale * effect.size.high
         return np.asarray(np.clip(shared, low, high))
+
+    @staticmethod
+    def inside_local(local: Array) -> Array:
+        """Clip the place within the play to its ends."""
+        made = local.copy()
+        made[SLACK] = np.clip(made[SLACK], -0.5, 0.5)
+        return made
 
     def start(self, shared: Array) -> list[Array]:
         """Local parameters to begin with: at rest at the first measured angle, command unchanged."""
-        made = []
-        for record in self.records:
-            angle = record.measured[0] - shared[BIAS + record.run]
-            lost = shared[GAIN] * record.command_values[record.lost]
-            made.append(np.concatenate([[angle, 0.0, 0.0, 0.0, 0.0], lost]))
-        return made
+        return [self.start_one(record, shared) for record in self.records]
+
+    @staticmethod
+    def start_one(record: ActuatorRecord, shared: Array) -> Array:
+        """Local parameters of one record to begin with."""
+        angle = record.measured[0] - shared[BIAS + record.run]
+        lost = shared[GAIN] * record.command_values[record.lost]
+        return np.concatenate([[angle, 0.0, 0.0, 0.0, 0.0], lost])
 
     def linearise(self, shared: Array, local: Sequence[Array]) -> list[Linearised]:
         """Residual and exact derivatives of every record."""
-        return [self._linearise(r, shared, x) for r, x in zip(self.records, local, strict=True)]
+        return [self.linearise_one(r, shared, x) for r, x in zip(self.records, local, strict=True)]
 
-    def _linearise(self, record: ActuatorRecord, shared: Array, local: Array) -> Linearised:
+    def linearise_at(self, number: int, shared: Array, local: Array) -> Linearised:
+        """Residual and exact derivatives of the record with that number."""
+        return self.linearise_one(self.records[number], shared, local)
+
+    def linearise_one(self, record: ActuatorRecord, shared: Array, local: Array) -> Linearised:
+        """Residual and exact derivatives of one record."""
         response = self.respond(record, shared, local)
         residual = record.measured - response.angle - shared[BIAS + record.run]
         prior = np.full(local.size, np.inf)
@@ -143,7 +158,7 @@ class EffectsProblem:
 
     def lags(self, shared: Array) -> Lags:
         """The dynamics at some parameters."""
-        sizes = np.exp(shared[self.first_size :])
+        sizes = shared[self.first_size :]
         made = by_skew(*shared[[SUM, SKEW]]) if self.limited else by_ratio(*shared[[SUM, RATIO]])
         for effect, size in zip(self.effects, sizes, strict=True):
             if effect.place == "rate":
@@ -161,14 +176,13 @@ class EffectsProblem:
         """
         extra = np.zeros((record.command_values.size, 0)) if added is None else added
         lags = self.lags(shared)
-        slack = float(np.clip(local[SLACK], -0.5, 0.5))
-        free = float(abs(local[SLACK]) < 0.5)
+        slack = float(local[SLACK])
         first = local[ANGLE] + lags.width * slack
         values, by_command = self._drive(record, shared, local, extra)
         values[0] = first + local[AHEAD]
-        by_command[0, [_ANGLE, _AHEAD, _SLACK, WIDTH_ROLE]] = 1.0, 1.0, lags.width * free, slack
+        by_command[0, [_ANGLE, _AHEAD, _SLACK, WIDTH_ROLE]] = 1.0, 1.0, lags.width, slack
         by_start = np.zeros((3, by_command.shape[1]))
-        by_start[0, [_ANGLE, _SLACK, WIDTH_ROLE]] = 1.0, lags.width * free, slack
+        by_start[0, [_ANGLE, _SLACK, WIDTH_ROLE]] = 1.0, lags.width, slack
         by_start[1, _RATE] = by_start[2, _ANGLE] = 1.0
         long_ago = min(record.command_times[0], record.times[0]) - BEFORE_ALL
         times = np.concatenate([[long_ago], record.command_times])
@@ -190,7 +204,7 @@ class EffectsProblem:
             size = self.sizes(shared)[effect.name]
             request, by_size, by_request = _mapped(effect, request, size)
             by[1:, _REQUEST : _REQUEST + place] *= by_request[:, None]
-            by[1:, _REQUEST + place] = shared[GAIN] * size * by_size
+            by[1:, _REQUEST + place] = shared[GAIN] * by_size
         values = np.concatenate([[0.0], shared[GAIN] * request])
         by[1:, _GAIN] = request
         first_extra = _REQUEST + len(maps) + lost.size
@@ -215,7 +229,7 @@ class EffectsProblem:
                 place += 1
             else:
                 role = LIMIT_ROLE if effect.place == "rate" else WIDTH_ROLE
-                jacobian[:, number] = by[:, role] * np.exp(shared[number])
+                jacobian[:, number] = by[:, role]
         local = np.column_stack([by[:, [_ANGLE, _RATE, _AHEAD, SHIFT_ROLE, _SLACK]], by[:, lost]])
         return Response(out[:, 0], out[:, 1], out[:, 2], jacobian, local, by[:, by.shape[1] - extra :])
 
@@ -227,13 +241,17 @@ def _mapped(effect: ActuatorEffect, request: Array, size: float) -> tuple[Array,
 
 
 def with_effects(
-    linear: Array, problem: EffectsProblem, sizes: Sequence[float], *, side: float = 1.0
+    shared: Array, problem: EffectsProblem, sizes: Sequence[float], *, skewed: bool = False, side: float = 1.0
 ) -> Array:
-    """Parameters of a problem with effects from those of the linear actuator (K, L, a1, rho, biases).
+    """Parameters of a problem from those without sizes (K, L, a1, shape, biases).
 
-    sizes : of the effects; side : sign of the skew, where the rate is limited
+    sizes : of all effects of the problem
+    skewed : whether the shape is the skew already, and not T1 T2 / a1²
+    side : sign of the skew that it becomes
     """
-    base = linear.copy()
-    if problem.limited:
-        base[SKEW] = side * max(float(np.sqrt(max(1 - 4 * linear[RATIO], 0.0))), FIRST_SKEW)
-    return problem.inside(np.concatenate([base, np.log(np.maximum(sizes, 1e-12))]))
+    base = shared.copy()
+    if problem.limited and not skewed:
+        base[SKEW] = side * max(float(np.sqrt(max(1 - 4 * base[RATIO], 0.0))), FIRST_SKEW)
+    elif skewed and not problem.limited:
+        base[RATIO] = (1 - base[SKEW] ** 2) / 4
+    return np.concatenate([base, sizes])

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.errors import NotIdentifiable
-from ident.estimation.actuator_effects import ACTUATOR_EFFECTS, EffectsProblem, with_effects
+from ident.estimation.actuator_effects import ACTUATOR_EFFECTS, SLACK, EffectsProblem, with_effects
 from ident.estimation.actuator_fit import JITTER_LIMIT, fit_roughly
 from ident.estimation.actuator_layer_fit import ActuatorLayerFit, named_effects
 from ident.estimation.actuator_likelihood import (
@@ -48,13 +48,14 @@ LONGEST_NOISE = 0.2  # [s] correlation time of a sensor's noise
 MARGIN = 0.05  # [s] on the dead time of the linear fit, for that of a fit with effects
 STEERING_RATIO = 20.0  # of a heavy truck, where it is not stated
 POOR = 0.3  # left over, of the measured angle
-LIMIT = "steering_rate_limit"
+LIMIT, PLAY = "steering_rate_limit", "steering_column_play"
 OBEDIENT = ((1.0, 0.1), (1.0, 0.3))  # gain and sum of lags [s] of an actuator that does what it is asked
 FIRST_RATIO = 0.1
 GUESSES = 3  # sizes of an effect to begin from, where none are given
 FIRST_LOOK, SECOND_LOOK = 3, 8  # iterations
 SECOND_STARTS = 2  # of each beginning
-HELD_OUT_ITERATIONS = 10
+LOCAL_ITERATIONS = 8
+PLACES = (-0.4, 0.4)  # within the play, beside its middle, to begin from
 MOST_CORRELATED = 0.99
 QUIET = 1e-6  # noise over amplitude of data without any
 
@@ -132,6 +133,9 @@ class ActuatorLayer:
         sizes = [begun.sizes[key] for key in keys]
         shared = with_effects(begun.shared, problem, sizes, skewed=begun.skewed)
         local = problem.start(shared) if begun.local is None else begun.local
+        if PLAY in keys:
+            pairs = zip(problem.records, local, strict=True)
+            local = [_settled(problem, r, shared, self._base.fit.noise, one)[0] for r, one in pairs]
         return self._finished(problem, shared, local, self._base.fit.noise.shape, self._base)
 
     def _begun(
@@ -235,7 +239,7 @@ class ActuatorLayer:
         problem = EffectsProblem(records, len(runs), fit.problem.effects, scale=self.scale)
         sizes = fit.fit.shared[fit.problem.first_size :]
         shared = np.concatenate([fit.fit.shared[:BIAS], _biases(fit, runs), sizes])
-        parts = [_settled(problem, record, shared, fit.fit.noise) for record in records]
+        parts = [_settled(problem, record, shared, fit.fit.noise)[1] for record in records]
         place = np.array([self.all_runs.index(name) for name in runs], dtype=np.intp)
         bins = Bins([replace(record, run=int(place[record.run])) for record in records])
         errors = np.concatenate([part.residual for part in parts])
@@ -332,21 +336,41 @@ def _with_floor(fit: Fit, problem: EffectsProblem) -> Fit:
     return replace(fit, noise=replace(fit.noise, std=max(fit.noise.std, QUIET * amplitude, 1e-12)))
 
 
-def _settled(problem: EffectsProblem, record: ActuatorRecord, shared: Array, noise: NoiseModel) -> Linearised:
-    """One record with its local parameters alone fitted, and the best of them kept."""
-    local = problem.start_one(record, shared)
+def _settled(
+    problem: EffectsProblem, record: ActuatorRecord, shared: Array, noise: NoiseModel, *begins: Array
+) -> tuple[Array, Linearised]:
+    """Local parameters of a record alone fitted, and the record there: the best from several beginnings.
+
+    begins : beside those from rest in several places within the play
+    """
+    rest = problem.start_one(record, shared)
+    starts = [*begins, rest]
+    if problem.lags(shared).width > 0:
+        for place in PLACES:
+            moved = rest.copy()
+            moved[SLACK] = place
+            starts.append(moved)
+    found = [_descended(problem, record, shared, noise, start) for start in starts]
+    _, local, part = min(found, key=lambda one: one[0])
+    return local, part
+
+
+def _descended(
+    problem: EffectsProblem, record: ActuatorRecord, shared: Array, noise: NoiseModel, local: Array
+) -> tuple[float, Array, Linearised]:
+    """Whitened sum of squares, local parameters and record after damped steps of the local parameters."""
     part = problem.linearise_one(record, shared, local)
     rows = _own_rows(part, noise)
     damping = 0.0
-    for _ in range(HELD_OUT_ITERATIONS):
-        tried = local + damped_solution(rows[:, :-1], rows[:, -1], damping)
+    for _ in range(LOCAL_ITERATIONS):
+        tried = problem.inside_local(local + damped_solution(rows[:, :-1], rows[:, -1], damping))
         moved = problem.linearise_one(record, shared, tried)
         new_rows = _own_rows(moved, noise)
         if float(new_rows[:, -1] @ new_rows[:, -1]) < float(rows[:, -1] @ rows[:, -1]):
             local, part, rows, damping = tried, moved, new_rows, damping / 8
         else:
             damping = max(8 * damping, 1e-4)
-    return part
+    return float(rows[:, -1] @ rows[:, -1]), local, part
 
 
 def _own_rows(part: Linearised, noise: NoiseModel) -> Array:

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,7 @@ Array = NDArray[np.float64]
 CORRELATION_LENGTHS = 5
 NOISE_ROUNDS = 6
 TINY = 1e-300
+LOCAL_PARTS = (1.0, 0.25, 0.0)  # of a step of local parameters
 FREE_ROUNDS = 2  # rounds in which the order of the noise may still change
 
 WHITE = AutoRegression(np.zeros(0))
@@ -61,6 +62,19 @@ class Problem(Protocol):
 
     def inside(self, shared: Array) -> Array:
         """The nearest parameters that the model allows."""
+        ...
+
+
+@runtime_checkable
+class LocallyCurved(Protocol):
+    """A problem whose local parameters have a region of their own, and are not nearly linear in it."""
+
+    def inside_local(self, local: Array) -> Array:
+        """The nearest local parameters of a record that the model allows."""
+        ...
+
+    def linearise_at(self, number: int, shared: Array, local: Array) -> Linearised:
+        """Residual and exact derivatives of one record."""
         ...
 
 
@@ -137,7 +151,26 @@ class _State:
         """See :class:`~ident.estimation.gauss_newton.Point`."""
         local = [now + part.step(step) for now, part in zip(self.local, self.reduced, strict=True)]
         shared = self.shared + step
+        if isinstance(self.problem, LocallyCurved):
+            return self._carefully_moved(self.problem, shared, local)
         records = self.problem.linearise(shared, local)
+        return _State(self.problem, shared, local, records, self.shape, self.std)
+
+    def _carefully_moved(self, problem: LocallyCurved, shared: Array, asked: Sequence[Array]) -> _State:
+        """As ``moved``, with a part of the local step where the whole makes a record worse."""
+        local, records = [], []
+        for number, (now, whole) in enumerate(zip(self.local, asked, strict=True)):
+            before = _white_sum([self.records[number]], self.shape, self.std)
+            tried = []
+            for part in LOCAL_PARTS:
+                own = problem.inside_local(now + part * (whole - now))
+                record = problem.linearise_at(number, shared, own)
+                tried.append((_white_sum([record], self.shape, self.std), own, record))
+                if tried[-1][0] <= before:
+                    break
+            _, own, record = min(tried, key=lambda one: one[0])
+            local.append(own)
+            records.append(record)
         return _State(self.problem, shared, local, records, self.shape, self.std)
 
     def inside(self, shared: Array) -> Array:
