@@ -72,7 +72,7 @@ QUESTIONS = {
         3e-3,
         0.015,
         "sensor_latency",
-        f"one of the two is late (negative: the heading): {CORRECT_LAG}",
+        f"one of the two is late or low-passed (negative: the heading): {CORRECT_LAG}",
     ),
     "speed scale": Question(
         "speed against the speed of the position: scale",
@@ -136,7 +136,8 @@ QUESTIONS = {
         5e-3,
         0.015,
         "sensor_latency",
-        f"the accelerometer is late, or early (negative): {CORRECT_LAG}",
+        "the accelerometer is late or low-passed, or early (negative), or not where imu_position says: "
+        f"{CORRECT_LAG}",
     ),
     "position lag": Question(
         "position against speed, heading and lateral velocity: lag",
@@ -228,7 +229,14 @@ def _together(checks: dict[str, SensorCheck]) -> dict[str, SensorCheck]:
     """Say of a difference what another difference makes of it."""
     lag, scale = "lateral_acceleration lag", "lateral_acceleration scale"
     gyro = "yaw_rate lag"
+    rest, bias = "lateral_acceleration at rest", "lateral_acceleration bias"
     made = dict(checks)
+    if _differs(checks, rest) and checks[bias].verdict == "agrees":
+        told = "the truck stood on a slope: the accelerometer shows no bias while driving"
+        made[rest] = replace(checks[rest], effect=None, meaning=told)
+    if _differs(checks, scale) and checks[lag].verdict == "agrees":
+        told = "without the lag of a rolling body: the accelerometer's scale, or a roll too quick to lag"
+        made[scale] = replace(checks[scale], effect=None, meaning=f"{told}: log the roll rate to tell")
     if not _differs(checks, lag):
         return made
     if _differs(checks, scale) and checks[scale].effect == "body_roll":

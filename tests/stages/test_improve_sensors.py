@@ -75,7 +75,8 @@ def test_perfect_sensors_agree_in_everything() -> None:
         ("yaw_rate", {"lag": 0.36}, GYRO + "lag", "sensor_latency", 0.36, 0.01),
         ("speed", {"scale": 1.01}, SPEED + "scale", "wheel_speed_scale", 1.01, 6e-4),
         ("speed", {"lag": 0.08}, SPEED + "lag", "sensor_latency", 0.08, 0.012),
-        ("lateral_acceleration", {"scale": 1.09}, ACROSS + "scale", "body_roll", 1.09, 0.01),
+        ("lateral_acceleration", {"scale": 1.09}, ACROSS + "scale", None, 1.09, 0.01),
+        ("lateral_acceleration", {"scale": 1.09, "lag": 0.03}, ACROSS + "scale", "body_roll", 1.09, 0.01),
         ("lateral_acceleration", {"scale": 0.93}, ACROSS + "scale", None, 0.93, 0.01),
         ("lateral_acceleration", {"bias": 0.08}, ACROSS + "bias", "sensor_bias", 0.08, 0.01),
         ("lateral_acceleration", {"lag": 0.05}, ACROSS + "lag", "sensor_latency", 0.05, 0.008),
@@ -330,6 +331,14 @@ def test_half_of_a_typical_effect_is_found_and_only_it(injected: Injected, expec
     assert set(found) <= expected
     assert set(found.values()) == {injected.name}
     assert any(name in found for name in expected if "standstill" not in name)
+
+
+def test_a_slope_where_the_truck_stands_is_no_bias() -> None:
+    checks = by_name(truck_runs([typical("road_bank")], 14))
+    stood = checks["lateral acceleration at standstill"]
+    assert (stood.verdict, stood.effect) == ("differs", None)
+    assert stood.meaning.startswith("the truck stood on a slope")
+    assert checks[ACROSS + "bias"].verdict == "agrees"
 
 
 def test_tyres_and_steering_do_not_look_like_sensors() -> None:
