@@ -334,7 +334,7 @@ def test_half_of_a_typical_effect_is_found_and_only_it(injected: Injected, expec
 
 
 def test_a_slope_where_the_truck_stands_is_no_bias() -> None:
-    checks = by_name(truck_runs([typical("road_bank")], 14))
+    checks = by_name(truck_runs([typical("road_bank")], 700))
     stood = checks["lateral acceleration at standstill"]
     assert (stood.verdict, stood.effect) == ("differs", None)
     assert stood.meaning.startswith("the truck stood on a slope")
