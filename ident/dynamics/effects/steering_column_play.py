@@ -15,7 +15,7 @@ from ident.dynamics.parameter import Parameter
 COUNT = 8
 SMALLEST = 1.0  # of the noise
 LARGEST = 1.0  # of the amplitude
-WIDTH = Parameter("width", "rad", 1e-5, 0.1, 5e-3, "whole play before the angle sensor")
+WIDTH = Parameter("width", "rad", 1e-9, 0.1, 5e-3, "whole play before the angle sensor")
 
 
 def _sizes(seen: Excitation) -> list[float]:

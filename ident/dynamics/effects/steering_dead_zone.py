@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 COUNT = 6
 SMALLEST = 0.5  # of the noise
 LARGEST = 0.5  # of the largest request
-WIDTH = Parameter("width", "rad", 1e-5, 0.1, 3e-3, "largest request that is not answered")
+WIDTH = Parameter("width", "rad", 1e-9, 0.1, 3e-3, "largest request that is not answered")
 
 
 def dead_zone(request: Array, width: float) -> tuple[Array, Array, Array]:

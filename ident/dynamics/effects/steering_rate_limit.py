@@ -14,7 +14,7 @@ from ident.dynamics.parameter import Parameter
 
 COUNT = 8
 FASTEST, SLOWEST = 0.97, 0.12  # of the largest rate of the model without a limit
-NEVER = 1.2  # of the largest rate: a limit that nothing reaches
+ROUNDING = 1e-9
 RATE = Parameter("rate", "rad/s", 1e-3, 20.0, 0.25, "largest rate of the actuator")
 
 
@@ -23,7 +23,7 @@ def _sizes(seen: Excitation) -> list[float]:
 
 
 def _impossible(rate: float, seen: Excitation) -> str | None:
-    if rate > NEVER * seen.rate:
+    if rate > (1 + ROUNDING) * seen.rate:
         return f"a limit of {rate:.3g} is never reached: the rate is at most {seen.rate:.3g}"
     return None
 
