@@ -26,7 +26,7 @@ from ident.estimation.gauss_newton import minimise
 from ident.estimation.layer import SIZE, EffectCard, HeldOut, LayerScores, Likelihood
 from ident.estimation.motion_effects import LEAD, MotionEffect, motion_effects, testable
 from ident.estimation.motion_scores import Projection
-from ident.estimation.motion_screen import motion_scores
+from ident.estimation.motion_screen import MotionDirections, motion_directions
 from ident.estimation.tyre_fit import BANK, SENSOR_BIAS, WINDOW, Body, coordinates_of
 from ident.estimation.vehicle_fit import (
     NEGLIGIBLE,
@@ -58,9 +58,10 @@ ITERATIONS = 10
 SETTLING = 4  # steps of initial states alone
 MOST_STARTS = 6
 Z = 1.959964
-EITHER_SIGN = (
-    "steering_offset", "sensor_bias", "road_bank", "steering_ratio_nonlinearity", "wheel_speed_scale", "antenna_offset"
-)  # fmt: skip
+EITHER_SIGN = {
+    *("steering_offset", "sensor_bias", "road_bank", "antenna_offset"),
+    *("steering_ratio_nonlinearity", "wheel_speed_scale"),
+}
 TOLD_AS = {
     ("steering_offset", "steering_offset"): "angle",
     ("road_bank", "bank_cos"): "bank_cos",
@@ -204,7 +205,11 @@ class MotionLayer:
             for effect in (self.effects[key] for key in keys)
             for one, size in zip(effect.coordinates, effect.sizes.values(), strict=True)
         }
-        possible = {name: value for name, value in given.items() if value > 0 or name not in typical or not typical[name]}
+        possible = {
+            name: value
+            for name, value in given.items()
+            if value > 0 or name not in typical or not typical[name]
+        }
         values = {**typical, **known, **possible}
         shared = np.array([one.coordinate(values.get(one.name, 0.0)) for one in problem.coordinates])
         of_runs = np.zeros((problem.windows.runs, len(problem.run_terms)))
@@ -260,7 +265,7 @@ class MotionLayer:
             [[mean[names.index(t.name)] if t.name in names else 0.0 for t in problem.run_terms]] * len(runs)
         ).reshape(len(runs), len(problem.run_terms))
         point = VehiclePoint(problem, fit.point.shared, of_runs, problem.initial_local, fit.point.noise)
-        return _errors(layer, _settled(point))
+        return _errors(_settled(point))
 
 
 def _begun(problem: VehicleProblem, effects: Sequence[MotionEffect], before: VehiclePoint) -> Array:
@@ -280,7 +285,7 @@ def _begun(problem: VehicleProblem, effects: Sequence[MotionEffect], before: Veh
 
 
 def _minimised(point: VehiclePoint) -> VehiclePoint:
-    """Maximum likelihood under the noise as it is; a model that lacks much needs not be followed to the end."""
+    """Maximum likelihood under the noise as it is; one that lacks much needs not be followed to the end."""
     return minimise(point, ITERATIONS, negligible=NEGLIGIBLE)[0]
 
 
@@ -299,7 +304,7 @@ def _local_of(problem: VehicleProblem, before: VehiclePoint, local: Array) -> Ar
 
 def _settled(point: VehiclePoint) -> VehiclePoint:
     """Initial states adapted, all else as it is."""
-    known = {name: noise for name, noise in point.noise.items()}
+    known = point.noise
     point = replace(point, noise={name: known[name] for name in point.problem.compared if name in known})
     nothing = np.zeros(len(point.problem.run_terms) + point.shared.size)
     for _ in range(SETTLING):
@@ -311,7 +316,7 @@ def _settled(point: VehiclePoint) -> VehiclePoint:
     return point
 
 
-def _errors(layer: MotionLayer, point: VehiclePoint) -> HeldOut:
+def _errors(point: VehiclePoint) -> HeldOut:
     residuals = point.residuals
     windows = point.problem.windows
     bins = Projection(point)
@@ -363,8 +368,12 @@ class MotionFit:
 
     def scores(self) -> LayerScores:
         """See :class:`~ident.estimation.layer.LayerFit`."""
+        return self.directions().scores()
+
+    def directions(self) -> MotionDirections:
+        """What is looked for at this fit; of use for other measurements of the same runs, too."""
         candidates = [one for key, one in self.layer.effects.items() if key not in self.keys]
-        return motion_scores(self.point, self.projection, candidates, self.layer.body)
+        return motion_directions(self.point, self.projection, candidates, self.layer.body)
 
     def likelihood(self, like: MotionFit | None = None) -> Likelihood:
         """See :class:`~ident.estimation.layer.LayerFit`."""

@@ -1,8 +1,8 @@
-"""Scores of what a fitted vehicle model may lack: directions whitened, freed of what the fit can take up, binned.
+"""Scores of what a fitted vehicle model may lack, in bins of time.
 
-With r the whitened residual and J the derivatives to all that was fitted (initial states of the windows, terms
-of the runs, shared parameters), a candidate whose first-order effect on the whitened signals is p has the
-direction p̃ = p - J (JᵀJ)⁺ Jᵀ p and the score p̃ᵀ r. Terms of the runs count with their priors; shared
+With r the whitened residual and J the derivatives to all that was fitted (initial states of the windows,
+terms of the runs, shared parameters), a candidate whose first-order effect on the whitened signals is p has
+the direction p̃ = p - J (JᵀJ)⁺ Jᵀ p and the score p̃ᵀ r. Terms of the runs count with their priors; shared
 parameters without, so that no candidate gains by bringing a parameter nearer to what is usual.
 """
 
@@ -106,35 +106,41 @@ class Projection:
         """(s, s) makes the shared columns about orthonormal."""
         return inverse_of(self.point.triangle()[: self.point.shared.size, :-1])
 
-    def scores(self, probes: Sequence[Probe], combined: Array) -> tuple[Array, Array, Array]:
-        """Scores of directions, each a combination of probes.
+    def directions(self, probes: Sequence[Probe], combined: Array) -> Directions:
+        """Free directions, each a combination of probes, of what the fit takes up.
 
         combined : (p, c) of the probes
-
-        Returns
-        -------
-        (b, c) binned scores, (c, c) inner products, (b, c) squared lengths within each bin; all zero where
-        the fit takes up a direction
         """
         columns = {name: one @ combined for name, one in self._whitened(probes).items()}
         before = sum(np.sum(one**2, axis=0) for one in columns.values())
-        everything = []
-        for number, (_, rows) in enumerate(self._windows):
-            own = self._without_start(self._rows(columns, number), number)
-            everything.append(np.hstack([own, rows[:, -1:]]))
-        self._project(everything)
+        rows = self._freed(columns)
         size = combined.shape[1]
-        scores, energy = (np.zeros((self.bins.run.size, size)) for _ in range(2))
-        gram = np.zeros((size, size))
-        for number, rows in enumerate(everything):
-            where = self._bin_of_rows(number)
-            add_to_bins(scores, where, rows[:, :-1] * rows[:, -1:])
-            add_to_bins(energy, where, rows[:, :-1] ** 2)
-            gram += rows[:, :-1].T @ rows[:, :-1]
+        energy, gram = np.zeros((self.bins.run.size, size)), np.zeros((size, size))
+        for number, own in enumerate(rows):
+            add_to_bins(energy, self.bins_of_rows(number), own**2)
+            gram += own.T @ own
         gone = np.diag(gram) < TAKEN_UP * np.maximum(before, 1e-300)
-        scores[:, gone], energy[:, gone] = 0.0, 0.0
-        gram[gone], gram[:, gone] = 0.0, 0.0
-        return scores, gram, energy
+        energy[:, gone], gram[gone], gram[:, gone] = 0.0, 0.0, 0.0
+        for own in rows:
+            own[:, gone] = 0.0
+        return Directions(self, rows, gram, energy)
+
+    def residuals(self, point: VehiclePoint | None = None) -> list[Array]:
+        """(n,) of each window: whitened residual, freed of what the fit takes up.
+
+        point : other measurements at the same instants, at the parameters of the fit: what is left of their
+            residual is to first order that of a fit to them; the fit itself unless given
+        """
+        other = point or self.point
+        return [own[:, 0] for own in self._freed({name: one[:, -1:] for name, one in other.white.items()})]
+
+    def _freed(self, of_signal: dict[str, Array]) -> list[Array]:
+        """(n, c) of each window, freed of initial states, terms of the runs and shared parameters."""
+        rows = [
+            self._without_start(self._rows(of_signal, number), number) for number in range(len(self._windows))
+        ]
+        self._project(rows)
+        return rows
 
     def _whitened(self, probes: Sequence[Probe]) -> dict[str, Array]:
         """(n, c) of every compared signal; as many at once as the engine carries."""
@@ -178,25 +184,34 @@ class Projection:
                 known = self._windows[number][1][:, :-1]
                 everything[number] -= known[:, :terms] @ of_terms + known[:, terms:] @ of_shared
 
-    def _bin_of_rows(self, number: int) -> Index:
+    def bins_of_rows(self, number: int) -> Index:
+        """(n,) bin of every row of a window."""
         times = [
             self.point.residuals[name].samples.times[b[number] : b[number + 1]]
             for name, b in self._places.items()
         ]
         return self.bins.of(number, np.concatenate(times))
 
-    def power(self) -> tuple[Array, Array]:
-        """(b, s) sum of squared whitened residuals and number of samples, of every compared signal."""
-        names = list(self._places)
-        power, count = (np.zeros((self.bins.run.size, len(names))) for _ in range(2))
-        for column, name in enumerate(names):
-            samples, begins = self.point.residuals[name].samples, self._places[name]
-            for number in range(len(self._windows)):
-                part = slice(int(begins[number]), int(begins[number + 1]))
-                where = self.bins.of(number, samples.times[part])
-                np.add.at(power[:, column], where, self.point.white[name][part, -1] ** 2)
-                np.add.at(count[:, column], where, 1.0)
+    def power(self, residuals: Sequence[Array] | None = None) -> tuple[Array, Array]:
+        """(b, s) sum of squared whitened residuals and number of samples, of every compared signal.
+
+        residuals : (n,) of each window, as :meth:`residuals` gives them; those of the fit unless given
+        """
+        power, count = (np.zeros((self.bins.run.size, len(self._places))) for _ in range(2))
+        for number in range(len(self._windows)):
+            left = self._rows(self._residual, number)[:, 0] if residuals is None else residuals[number]
+            where, signal = self.bins_of_rows(number), self._signal_of_rows(number)
+            np.add.at(power, (where, signal), left**2)
+            np.add.at(count, (where, signal), 1.0)
         return power, count
+
+    @property
+    def _residual(self) -> dict[str, Array]:
+        return {name: one[:, -1:] for name, one in self.point.white.items()}
+
+    def _signal_of_rows(self, number: int) -> Index:
+        sizes = [int(b[number + 1] - b[number]) for b in self._places.values()]
+        return np.repeat(np.arange(len(sizes)), sizes).astype(np.intp)
 
     def likelihood(self) -> Array:
         """(b,) minus the sum of squared whitened residuals: 2 log likelihood but for a constant."""
@@ -213,3 +228,24 @@ class Projection:
             np.add.at(total, where, values[part])
             np.add.at(count, where, 1.0)
         return np.asarray(total / np.maximum(count, 1.0))
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Directions freed of all that a fit takes up; they may meet residuals of other measurements as well.
+
+    rows : (n, c) of each window; all zero where the fit takes up a direction
+    gram : (c, c) inner products over all bins; energy : (b, c) squared lengths within each bin
+    """
+
+    projection: Projection
+    rows: Sequence[Array]
+    gram: Array
+    energy: Array
+
+    def scores(self, residuals: Sequence[Array]) -> Array:
+        """(b, c) sum over each bin of direction times residual, which is (n,) in each window."""
+        made = np.zeros_like(self.energy)
+        for number, (own, left) in enumerate(zip(self.rows, residuals, strict=True)):
+            add_to_bins(made, self.projection.bins_of_rows(number), own * left[:, None])
+        return made

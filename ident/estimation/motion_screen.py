@@ -26,7 +26,7 @@ from ident.estimation.motion_basis import (
     trajectory_of,
 )
 from ident.estimation.motion_effects import MotionEffect
-from ident.estimation.motion_scores import Projection
+from ident.estimation.motion_scores import Directions, Projection
 from ident.estimation.tyre_fit import Body
 from ident.estimation.vehicle_point import VehiclePoint
 from ident.estimation.vehicle_problem import Probe
@@ -70,10 +70,42 @@ class _Collected:
         return made
 
 
-def motion_scores(
+@dataclass(frozen=True)
+class MotionDirections:
+    """What is looked for at a fit: directions of effects and of the generic basis.
+
+    activity : (b, a) see :class:`~ident.estimation.layer.LayerScores`
+    """
+
+    directions: Directions
+    groups: tuple[Group, ...]
+    activity: Array
+
+    def scores(self, point: VehiclePoint | None = None) -> LayerScores:
+        """Scores of the fit, or of other measurements (:meth:`Projection.residuals`) to first order."""
+        projection = self.directions.projection
+        residuals = projection.residuals(point)
+        power, count = projection.power(None if point is None else residuals)
+        return LayerScores(
+            layer="motion",
+            run=projection.bins.run,
+            time=projection.bins.time,
+            scores=self.directions.scores(residuals),
+            gram=self.directions.gram,
+            energy=self.directions.energy,
+            power=power,
+            count=count,
+            activity=self.activity,
+            signals=tuple(projection.point.residuals),
+            activities=ACTIVITIES,
+            groups=self.groups,
+        )
+
+
+def motion_directions(
     point: VehiclePoint, projection: Projection, candidates: Sequence[MotionEffect], body: Body
-) -> LayerScores:
-    """Scores at a fit.
+) -> MotionDirections:
+    """Directions at a fit.
 
     Parameters
     ----------
@@ -87,25 +119,11 @@ def motion_scores(
     for effect in candidates:
         _of_effect(made, effect, path, along, point)
     _of_basis(made, path, point, body)
-    scores, gram, energy = projection.scores(made.probes, made.matrix)
-    power, count = projection.power()
     activity = [path["road_wheel_angle"], steering_rate(path), path["felt_acceleration"]]
     columns = [projection.mean(values**2) for values in activity]
     columns.append(projection.mean(np.abs(path["longitudinal_velocity"])))
-    return LayerScores(
-        layer="motion",
-        run=projection.bins.run,
-        time=projection.bins.time,
-        scores=scores,
-        gram=gram,
-        energy=energy,
-        power=power,
-        count=count,
-        activity=np.column_stack(columns),
-        signals=tuple(point.residuals),
-        activities=ACTIVITIES,
-        groups=tuple(made.groups),
-    )
+    directions = projection.directions(made.probes, made.matrix)
+    return MotionDirections(directions, tuple(made.groups), np.column_stack(columns))
 
 
 def _of_effect(
