@@ -240,11 +240,10 @@ class ActuatorLayer:
         sizes = fit.fit.shared[fit.problem.first_size :]
         shared = np.concatenate([fit.fit.shared[:BIAS], _biases(fit, runs), sizes])
         parts = [_settled(problem, record, shared, fit.fit.noise)[1] for record in records]
-        place = np.array([self.all_runs.index(name) for name in runs], dtype=np.intp)
-        bins = Bins([replace(record, run=int(place[record.run])) for record in records])
+        bins = Bins(records)
         errors = np.concatenate([part.residual for part in parts])
         measured = np.concatenate([record.measured for record in records])
-        run = np.concatenate([np.full(r.times.size, place[r.run], dtype=np.intp) for r in records])
+        run = np.concatenate([np.full(r.times.size, r.run, dtype=np.intp) for r in records])
         return HeldOut(
             errors={self.signal: errors},
             modelled={self.signal: measured - errors},

@@ -142,9 +142,7 @@ def _layer_of(looked: Screen) -> str | None:
     return looked.strongest.layer if looked.strongest else None
 
 
-def _round(
-    found: Improvement, looked: Screen, effects: Sequence[str] | None, survivors: int
-) -> Round:
+def _round(found: Improvement, looked: Screen, effects: Sequence[str] | None, survivors: int) -> Round:
     """Fit what the screen names, in the layer in which most is left, and choose."""
     layer = _where(looked)
     fit = found.fits[layer]

@@ -100,14 +100,17 @@ class Likelihood:
 
 
 class LayerFit(Protocol):
-    """A layer fitted with some effects.
+    """A layer fitted with some effects."""
 
-    keys : of the effects that are in it
-    freedom : number of parameters that these effects add
-    """
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Of the effects that are in it."""
+        ...
 
-    keys: tuple[str, ...]
-    freedom: int
+    @property
+    def freedom(self) -> int:
+        """Number of parameters that these effects add."""
+        ...
 
     def scores(self) -> LayerScores:
         """Scores of every candidate that is not in the fit, and of the generic basis."""
@@ -143,16 +146,22 @@ class LayerFit(Protocol):
 
 
 class Layer(Protocol):
-    """One part of the truck with its data.
+    """One part of the truck with its data: the actuator or the motion."""
 
-    name : "actuator" or "motion"
-    runs : names of its runs
-    not_testable : effects that its data cannot test, with the reason
-    """
+    @property
+    def name(self) -> str:
+        """Of the layer."""
+        ...
 
-    name: str
-    runs: list[str]
-    not_testable: list[Refusal]
+    @property
+    def runs(self) -> list[str]:
+        """Names of its runs."""
+        ...
+
+    @property
+    def not_testable(self) -> list[Refusal]:
+        """Effects that its data cannot test, with the reason."""
+        ...
 
     def fitted(
         self,
@@ -186,7 +195,8 @@ class Layer(Protocol):
 class HeldOut:
     """Errors of a fitted model on some runs.
 
-    errors : signal -> (n,) measured minus modelled; run, time : signal -> (n,) index of the run, [s]
+    errors : signal -> (n,) measured minus modelled; run, time : signal -> (n,) place of the run among those
+        that were asked for, [s]
     modelled : signal -> (n,)
     likelihood : by the noise of the fit
     """

@@ -216,10 +216,8 @@ class MotionLayer:
         local = problem.initial_local
         if start is not None:
             before = start.point
-            names = [term.name for term in before.problem.run_terms]
-            for number, term in enumerate(problem.run_terms):
-                if term.name in names:
-                    of_runs[:, number] = before.of_runs[:, names.index(term.name)]
+            if before.problem.windows is problem.windows:
+                of_runs = _terms_of(problem, before)
             begun = _begun(problem, [self.effects[key] for key in keys], before)
             problem.initial_local[:, : problem.states] += begun
             local = _local_of(problem, before, problem.initial_local)
@@ -287,6 +285,16 @@ def _begun(problem: VehicleProblem, effects: Sequence[MotionEffect], before: Veh
 def _minimised(point: VehiclePoint) -> VehiclePoint:
     """Maximum likelihood under the noise as it is; one that lacks much needs not be followed to the end."""
     return minimise(point, ITERATIONS, negligible=NEGLIGIBLE)[0]
+
+
+def _terms_of(problem: VehicleProblem, before: VehiclePoint) -> Array:
+    """(runs, b) terms of the runs of a fit, for a model that may have more or fewer of them."""
+    made = np.zeros((problem.windows.runs, len(problem.run_terms)))
+    names = [term.name for term in before.problem.run_terms]
+    for number, term in enumerate(problem.run_terms):
+        if term.name in names:
+            made[:, number] = before.of_runs[:, names.index(term.name)]
+    return made
 
 
 def _local_of(problem: VehicleProblem, before: VehiclePoint, local: Array) -> Array:

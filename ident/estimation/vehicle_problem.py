@@ -222,7 +222,7 @@ class VehicleProblem:
 
     @cached_property
     def initial_std(self) -> Array:
-        """(w, local) of the priors of the initial states around ``initial_local``, infinite where there is none.
+        """(w, local) of the priors of the initial states around ``initial_local``, infinite where none.
 
         They are wider than what a moving vehicle tells; one that crawls forgets how it began, and data that
         say nothing of the beginning must not throw it far away.

@@ -37,7 +37,7 @@ class Stage:
     record : its part of the recording, None where there is nothing to record
     title : of its page, where that can only say why there is no answer
     needs : stages whose results it cannot do without; helped_by : those that it takes where they answer
-    settings : keys of the recipe on which its result depends, beside ``align`` and ``seed``
+    settings : keys of the recipe on which its result depends, beside ``align``, ``runs`` and ``seed``
     reads : files on which it depends beside the logs and what applies to them, by what they are
     identifies : whether it answers what the logs were driven for
     unmet : requirements that its result does not meet, one line each
@@ -174,18 +174,11 @@ def _unmet(result: EvaluateResult) -> list[str]:
 
 
 def _improve(
-    logs: Sequence[Path], recipe: Recipe, context: Context, results: Results
+    logs: Sequence[Path], recipe: Recipe, context: Context, _: Results
 ) -> StageOutput[ImproveResult]:
     from ident.stages.improve import improve
 
-    return improve(
-        logs,
-        recipe.inputs(),
-        recipe.improve,
-        context,
-        tyres=results["tyres"],
-        steering=results["steering"],
-    )
+    return improve(logs, recipe.inputs(), recipe.improve, context)
 
 
 def _describe_improve(result: ImproveResult) -> str:
@@ -246,7 +239,6 @@ STAGES: dict[str, Stage] = {
         tables=("improve", "improve_held_out"),
         record=_record_improve,
         title="Improvement",
-        helped_by=("tyres", "steering"),
         settings=("improve",),
     ),
 }

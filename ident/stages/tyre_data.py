@@ -55,8 +55,11 @@ def tyre_data(
     *,
     split: SplitSettings | None = None,
     side: Side = "training",
+    refuse_late: bool = True,
 ) -> TyreData:
     """Gather what the fit needs, or on the other ``side`` of the split what it is judged by.
+
+    refuse_late : see :class:`~ident.experiments.motion.MotionSettings`
 
     Raises
     ------
@@ -80,7 +83,13 @@ def tyre_data(
         if run not in alike
     ]
     table, source = _ratio(alike, align, vehicle)
-    how = MotionSettings(rate=align.rate, max_gap=align.max_gap, window=STRETCH, least_speed=least_speed)
+    how = MotionSettings(
+        rate=align.rate,
+        max_gap=align.max_gap,
+        window=STRETCH,
+        least_speed=least_speed,
+        refuse_late=refuse_late,
+    )
     found, refused = motion_runs(alike, ratio=table, settings=how)
     found = [split_motion(run, split, side, how.shortest) for run in found]
     usable = [run for run in found if _why_not(run) is None]

@@ -1,0 +1,248 @@
+"""Find what a model leaves, trace it to an effect, add that, and tell the error before and after.
+
+Sensors are compared with each other first, without a model. Then the loop runs over the layers that the logs
+hold (METHODS section 6, :mod:`ident.estimation.improvement`), and what it added is judged on runs that took
+no part in the fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ident.errors import NotIdentifiable
+from ident.estimation.improvement import Improvement, beaten, improve_layers
+from ident.results import (
+    SCHEMA_VERSION,
+    Confirmation,
+    ErrorComparison,
+    FoundEffect,
+    ImproveResult,
+    SensorCheck,
+    Verdict,
+)
+from ident.signals.run import LoadedLogs
+from ident.stages.improve_data import LayerData, layer_data
+from ident.stages.improve_held_out import (
+    Compared,
+    compared,
+    confirmation,
+    error_comparison,
+    held_out_table,
+    unit_of,
+)
+from ident.stages.improve_model import model_part
+from ident.stages.improve_sensors import sensor_checks
+from ident.stages.improve_settings import ImproveSettings
+from ident.stages.improve_tables import improve_table, with_regressor
+from ident.stages.improve_told import (
+    discovered,
+    found_effects,
+    minimum_detectable,
+    next_experiment,
+    not_testable,
+    step_of,
+)
+from ident.stages.inputs import InputSettings, load, named, provenance
+from ident.stages.output import Context, StageOutput
+
+NO_ERROR = ErrorComparison({}, {}, {}, "none")
+DIFFERENT = 1e-6  # p-value below which an effect is not of one size in all runs
+MILLI = ("rad", "rad/s")
+
+
+def improve(
+    logs: Sequence[Path], inputs: InputSettings, settings: ImproveSettings, context: Context
+) -> StageOutput[ImproveResult]:
+    """Run the loop on the runs under LOGS.
+
+    Raises
+    ------
+    UnusableLog
+        If there is no log that can be read.
+    NotIdentifiable
+        If the logs hold neither request and angle, nor angle and motion, nor two sensors to compare.
+    """
+    loaded = load(logs, inputs, context)
+    context.progress("compare the sensors", 0, 1)
+    chosen = [run for run in loaded.runs if settings.runs is None or named(run.name, settings.runs)]
+    sensors = sensor_checks(chosen)
+    data = layer_data(loaded, inputs, settings.runs)
+    if not data.layers:
+        return _sensors_only(loaded, context, sensors, data)
+    found = improve_layers(
+        data.layers,
+        level=settings.level,
+        draws=settings.draws,
+        seed=inputs.seed,
+        effects=settings.effects,
+        survivors=settings.survivors,
+        most_effects=settings.most_effects,
+        progress=context.progress,
+    )
+    parts = [compared(found, name, settings.folds, context.progress) for name in found.layers]
+    error = error_comparison(parts, inputs.seed)
+    table, regressor = with_regressor(improve_table(found, loaded), error, [key for _, key in found.added])
+    result = _result(loaded, context, data, found, parts, error, sensors, regressor, inputs.seed)
+    tables = {"improve": table, "improve_held_out": held_out_table(parts)}
+    return StageOutput(result, tables, model_part(found, data))
+
+
+def _sensors_only(
+    loaded: LoadedLogs, context: Context, sensors: list[SensorCheck], data: LayerData
+) -> StageOutput[ImproveResult]:
+    """Answer with the sensors alone, where no layer can be looked at."""
+    if not any(one.verdict != "not_testable" for one in sensors):
+        reasons = "; ".join(f"{one.what}: {one.reason}" for one in data.refused)
+        raise NotIdentifiable(f"nothing to improve: {reasons}")
+    differ = [one.name for one in sensors if one.verdict == "differs"]
+    told = f"only the sensors could be compared: {len(differ)} of {len(sensors)} comparisons differ"
+    missing = {name: _why(data, name) for name in ("actuator", "motion")}
+    nothing = Improvement({}, {}, {})
+    result = ImproveResult(
+        schema_version=SCHEMA_VERSION,
+        provenance=provenance(context, loaded),
+        verdict="unexplained" if differ else "adequate",
+        told=told,
+        base="no model: sensors against each other",
+        layers=[],
+        sensors=sensors,
+        effects=[],
+        discovered=None,
+        candidates=[],
+        steps=[],
+        minimum_detectable={},
+        next_experiment=None,
+        error=NO_ERROR,
+        confirmation=None,
+        not_testable=not_testable(nothing, None, missing),
+        runs=[run.health for run in loaded.runs],
+        refused=[*data.refused, *loaded.unreadable],
+        warnings=[*loaded.warnings, *data.warnings],
+    )
+    return StageOutput(result)
+
+
+def _why(data: LayerData, layer: str) -> str:
+    return next((one.reason for one in data.refused if one.what.startswith(layer)), "no data")
+
+
+def _result(
+    loaded: LoadedLogs,
+    context: Context,
+    data: LayerData,
+    found: Improvement,
+    parts: list[Compared],
+    error: ErrorComparison,
+    sensors: list[SensorCheck],
+    regressor: Any,
+    seed: int,
+) -> ImproveResult:
+    gate = found.rounds[-1].screen
+    effects = found_effects(found, parts)
+    verdict, why = verdict_of(found, effects)
+    steps = [step_of(one, found.layers) for one in found.rounds]
+    confirmed = confirmation(parts, seed) if found.added else None
+    missing = {name: _why(data, name) for name in ("actuator", "motion") if name not in found.layers}
+    return ImproveResult(
+        schema_version=SCHEMA_VERSION,
+        provenance=provenance(context, loaded),
+        verdict=verdict,
+        told=_told(verdict, why, effects, error, confirmed),
+        base=_base(found),
+        layers=list(found.layers),  # type: ignore[arg-type]
+        sensors=sensors,
+        effects=effects,
+        discovered=discovered(gate, seed) if verdict == "unexplained" else None,
+        candidates=next((one.candidates for one in reversed(steps) if one.candidates), []),
+        steps=steps,
+        minimum_detectable=minimum_detectable(gate, found.layers),
+        next_experiment=next_experiment(found, gate),
+        error=error,
+        confirmation=confirmed,
+        not_testable=not_testable(found, gate, missing),
+        runs=[run.health for run in loaded.runs],
+        refused=[*data.refused, *loaded.unreadable],
+        warnings=[*loaded.warnings, *data.warnings, *_unlike(effects)],
+        regressor=regressor,
+    )
+
+
+def verdict_of(found: Improvement, effects: Sequence[FoundEffect]) -> tuple[Verdict, str]:
+    """The verdict, and the reason where it is not plain."""
+    if not found.passes:
+        return "unexplained", found.rounds[-1].why
+    rival = beaten(found)
+    if rival is not None and rival.rival is not None:
+        better = f"{rival.rival.key} explains clearly more than {rival.added}, the nearest in the catalogue"
+        return "unexplained", better
+    unlike = [one for one in effects if one.same_in_runs_p is not None and one.same_in_runs_p < DIFFERENT]
+    if unlike:
+        return (
+            "unexplained",
+            f"{unlike[0].key} is not of one size in all runs (p = {unlike[0].same_in_runs_p:.1g})",
+        )
+    if not effects:
+        return "adequate", ""
+    return ("equivalent" if any(len(one.members) > 1 for one in effects) else "named"), ""
+
+
+def _base(found: Improvement) -> str:
+    told = {
+        "actuator": "linear actuator with dead time and two lags",
+        "motion": "planar bicycle with Magic Formula axles, no offset, bias or bank",
+    }
+    return "; ".join(told[name] for name in found.layers)
+
+
+def _unlike(effects: Sequence[FoundEffect]) -> list[str]:
+    return [
+        f"{one.key}: its size differs between runs (p = {one.same_in_runs_p:.2g})"
+        for one in effects
+        if one.same_in_runs_p is not None and one.same_in_runs_p < 1e-3
+    ]
+
+
+def _told(
+    verdict: Verdict,
+    why: str,
+    effects: Sequence[FoundEffect],
+    error: ErrorComparison,
+    confirmed: Confirmation | None,
+) -> str:
+    """The verdict in one line."""
+    if verdict == "adequate":
+        return "adequate: nothing is left that noise does not explain"
+    names = " and ".join(_named(one) for one in effects) or "no effect of the catalogue"
+    where = _largest(error)
+    if verdict == "unexplained":
+        added = f"; added so far: {names}{where}" if effects else ""
+        return f"unexplained: {why}{added}"
+    sure = "" if confirmed is None or confirmed.confirmed else ", not confirmed on runs that took no part"
+    return f"{names}{where}{sure}"
+
+
+def _named(one: FoundEffect) -> str:
+    name, estimate = next(iter(one.parameters.items()))
+    plain = one.key.replace("_", " ")
+    others = (
+        f" (or {', '.join(key.replace('_', ' ') for key in one.members[1:])})" if len(one.members) > 1 else ""
+    )
+    if estimate.value is None or estimate.std is None:
+        return plain + others
+    unit = "" if estimate.unit == "1" else f" {estimate.unit}"
+    return f"{plain}, {name.replace('_', ' ')} {estimate.value:.3g} ± {1.96 * estimate.std:.1g}{unit}{others}"
+
+
+def _largest(error: ErrorComparison) -> str:
+    """Error before and after of the signal that gains most."""
+    gains: Mapping[str, float] = {
+        name: one.value / max(error.after[name].value, 1e-300) for name, one in error.before.items()
+    }
+    name = max(gains, key=lambda key: gains[key], default=None)
+    if name is None or gains[name] <= 1:
+        return ""
+    factor, unit = (1e3, f"m{unit_of(name)}") if unit_of(name) in MILLI else (1.0, unit_of(name))
+    before, after = error.before[name].value * factor, error.after[name].value * factor
+    return f"; {name.replace('_', ' ')} error {before:.3g} -> {after:.3g} {unit.replace('^2', '²')}"

@@ -1,0 +1,97 @@
+"""What the loop takes from the logs: the layers of the truck that they hold, and why others are missing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from ident.errors import NotIdentifiable
+from ident.estimation.actuator_layer import ActuatorLayer
+from ident.estimation.actuator_runs import RunRecords
+from ident.estimation.motion_layer import KIND, MotionLayer
+from ident.estimation.tyre_start import tyre_starts
+from ident.estimation.vehicle_records import Samples
+from ident.experiments.steering_data import choose_pair, steering_run, why_not_excited
+from ident.experiments.stretches import jitter_of
+from ident.glossary import STEERING_PAIRS
+from ident.results import Refusal
+from ident.signals.run import LoadedLogs, Run
+from ident.stages.inputs import InputSettings, named
+from ident.stages.steering import actuator_record
+from ident.stages.tyre_data import TyreData, tyre_data
+
+LEAST_SPEED = 2.0  # [m/s] below which slip angles say little and noise of the speed much
+USUAL_RATIO = 20.0
+
+
+AnyLayer = ActuatorLayer | MotionLayer
+
+
+@dataclass
+class LayerData:
+    """The layers that the logs hold.
+
+    motion : of the tyre stage's kind, None where there is none
+    refused : what cannot be looked at, and why
+    """
+
+    layers: list[AnyLayer] = field(default_factory=list)
+    motion: TyreData | None = None
+    refused: list[Refusal] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+
+def layer_data(loaded: LoadedLogs, inputs: InputSettings, runs: Sequence[str] | None) -> LayerData:
+    """Gather the layers, each from the runs that it can use."""
+    made = LayerData()
+    chosen = [run for run in loaded.runs if runs is None or named(run.name, runs)]
+    try:
+        made.layers.append(_actuator(chosen))
+    except NotIdentifiable as error:
+        made.refused.append(Refusal("actuator (request to angle)", str(error)))
+    try:
+        data = tyre_data(loaded, inputs.align, runs, LEAST_SPEED, refuse_late=False)
+        made.motion = data
+        made.layers.append(_motion(data))
+        made.refused += data.left_out
+        made.warnings += data.warnings
+    except NotIdentifiable as error:
+        made.refused.append(Refusal("motion (angle to yaw rate, acceleration, place)", str(error)))
+    return made
+
+
+def _actuator(runs: Sequence[Run]) -> ActuatorLayer:
+    """Return the layer of request and measured angle."""
+    pair = choose_pair(runs)
+    records, speed, reasons = [], {}, []
+    for run in runs:
+        found = steering_run(run, pair)
+        if isinstance(found, str):
+            reasons.append(found)
+        elif not found.excited:
+            reasons.append(why_not_excited(found))
+        else:
+            parts = [actuator_record(found.stretches[i]) for i in found.excited]
+            records.append(RunRecords(run.name, parts, jitter_of(found.measured.time)))
+            if "speed" in run.signals:
+                speed[run.name] = Samples(run.signals["speed"].time, run.signals["speed"].values)
+    if not records:
+        raise NotIdentifiable("; ".join(dict.fromkeys(reasons)) or "no run")
+    ratios = [run.vehicle.steering_ratio for run in runs if run.vehicle is not None]
+    known = [float(one) for one in ratios if isinstance(one, int | float)]
+    return ActuatorLayer(
+        records,
+        signal=STEERING_PAIRS[pair][1],
+        steering_ratio=known[0] if known else USUAL_RATIO,
+        speed=speed,
+    )
+
+
+def _motion(data: TyreData) -> MotionLayer:
+    """Return the layer of the motion."""
+    vehicle = data.vehicle
+    height = None
+    if vehicle.cg_height is not None and vehicle.track is not None:
+        height = vehicle.cg_height / vehicle.track
+    start: Mapping[str, float] = tyre_starts(KIND, data.records, data.body)[0]
+    return MotionLayer(data.records, [run.name for run in data.runs], data.body, start, data.floor, height)

@@ -1,0 +1,168 @@
+"""Error before and after on runs that took no part in the fit, and whether that confirms what was added."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ident.estimation.before_after import gain_interval, rms_range
+from ident.estimation.improvement import Improvement
+from ident.estimation.layer import BIN, HeldOut, Layer, LayerFit, Likelihood
+from ident.estimation.motion_layer import MotionFit
+from ident.glossary import SIGNALS
+from ident.results import Confirmation, ErrorComparison, ErrorRange, Estimate
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+FOLDS = 4
+HELD_OUT = ["run", "time", "signal", "measured", "before", "after"]
+LEAST_RUNS = 3
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Errors of base and improved model in the same samples.
+
+    rows : signal -> (n, 5) run, time, measured, before, after
+    held_out : whether the samples took no part in the fits
+    """
+
+    rows: dict[str, Array]
+    noise: dict[str, float]
+    runs: list[str]
+    held_out: bool
+
+
+def unit_of(signal: str) -> str:
+    """Unit of a compared signal."""
+    return SIGNALS["position_x"].unit if signal.startswith("position") else SIGNALS[signal].unit
+
+
+def compared(found: Improvement, name: str, folds: int | None, progress: Progress) -> Compared:
+    """Errors of a layer, run by run from fits without that run; of the fit itself where runs are few."""
+    layer, base, fit = found.layers[name], found.base[name], found.fits[name]
+    if len(layer.runs) < LEAST_RUNS:
+        parts = [_both(layer, base, fit, layer.runs)]
+        return _gathered(parts, fit, layer.runs, held_out=False)
+    parts = []
+    groups = _folds(layer.runs, folds or FOLDS)
+    for number, runs in enumerate(groups):
+        progress("errors on runs that take no part", number, len(groups))
+        rest = layer.without(runs)
+        before = rest.fitted((), start=base)
+        after = rest.fitted(fit.keys, start=fit) if fit.keys else before
+        parts.append(_both(layer, before, after, runs))
+    return _gathered(parts, fit, layer.runs, held_out=True)
+
+
+def _folds(runs: Sequence[str], count: int) -> list[list[str]]:
+    """Groups of runs that are left out together, each a share of all."""
+    count = min(count, len(runs))
+    return [list(runs[number::count]) for number in range(count)]
+
+
+def _both(
+    layer: Layer, before: LayerFit, after: LayerFit, runs: Sequence[str]
+) -> tuple[Sequence[str], HeldOut, HeldOut]:
+    one = layer.held_out(before, runs)
+    return runs, one, one if after is before else layer.held_out(after, runs)
+
+
+def _gathered(
+    parts: Sequence[tuple[Sequence[str], HeldOut, HeldOut]],
+    fit: LayerFit,
+    runs: Sequence[str],
+    *,
+    held_out: bool,
+) -> Compared:
+    values: dict[str, list[Array]] = {}
+    for own, before, after in parts:
+        place = np.array([runs.index(name) for name in own])
+        for signal, error in after.errors.items():
+            columns = (
+                place[after.run[signal]],
+                after.time[signal],
+                error + after.modelled[signal],
+                before.modelled[signal],
+                after.modelled[signal],
+            )
+            values.setdefault(signal, []).append(np.column_stack(columns))
+    return Compared({k: np.vstack(v) for k, v in values.items()}, fit.noise(), list(runs), held_out)
+
+
+def error_comparison(parts: Sequence[Compared], seed: int) -> ErrorComparison:
+    """Root mean squares with intervals of blocks of driving."""
+    before, after, noise = {}, {}, {}
+    for part in parts:
+        for signal, rows in part.rows.items():
+            run, time = rows[:, 0].astype(np.intp), rows[:, 1]
+            unit = unit_of(signal)
+            made = [rms_range(rows[:, 2] - rows[:, k], run, time, seed=seed) for k in (3, 4)]
+            before[signal], after[signal] = (ErrorRange(*one, unit) for one in made)
+            noise[signal] = part.noise[signal]
+    by = "run" if any(part.held_out for part in parts) else "none"
+    return ErrorComparison(before, after, noise, by)  # type: ignore[arg-type]
+
+
+def confirmation(parts: Sequence[Compared], seed: int) -> Confirmation | None:
+    """Gain of log likelihood a sample on what took no part, each signal weighed by its noise."""
+    if not parts or not all(part.held_out for part in parts):
+        return None
+    before: list[tuple[Index, Array, Array]] = []
+    after: list[tuple[Index, Array, Array]] = []
+    count = 0
+    runs = list(dict.fromkeys(name for part in parts for name in part.runs))
+    for part in parts:
+        place = np.array([runs.index(name) for name in part.runs])
+        for signal, rows in part.rows.items():
+            variance = part.noise[signal] ** 2
+            for into, column in ((before, 3), (after, 4)):
+                error = (rows[:, 2] - rows[:, column]) ** 2 / variance
+                into.append((place[rows[:, 0].astype(np.intp)], rows[:, 1], -error))
+            count += len(rows)
+    one, other = _binned(before), _binned(after)
+    mean, low, high = gain_interval(one, other, samples=float(count), seed=seed)
+    by_run, gained = {}, np.subtract(other.values, one.values)
+    for number, name in enumerate(runs):
+        own = one.run == number
+        by_run[name] = float(gained[own].sum() / 2 / max(count, 1))
+    finite = np.isfinite([low, high]).all()
+    gain = Estimate(mean, None, low if finite else None, high if finite else None, "1")
+    return Confirmation(gain, by_run, bool(finite and low > 0), "leave some runs out")
+
+
+def _binned(parts: Sequence[tuple[Index, Array, Array]]) -> Likelihood:
+    """Sums over bins of run and time, of all signals."""
+    run = np.concatenate([part[0] for part in parts])
+    time = np.concatenate([part[1] for part in parts])
+    gathered = np.concatenate([part[2] for part in parts])
+    keys = np.column_stack([run, np.floor(time / BIN).astype(np.intp)])
+    found, where = np.unique(keys, axis=0, return_inverse=True)
+    total = np.bincount(where.ravel(), gathered, len(found)).astype(np.float64)
+    return Likelihood(found[:, 0].astype(np.intp), BIN * (found[:, 1] + 0.5), total)
+
+
+def held_out_table(parts: Sequence[Compared]) -> pd.DataFrame:
+    """One row a sample: run, time, signal, measured, before, after."""
+    frames = []
+    for part in parts:
+        if not part.held_out:
+            continue
+        for signal, rows in part.rows.items():
+            names = np.array(part.runs, dtype=object)[rows[:, 0].astype(np.intp)]
+            frame = pd.DataFrame(rows[:, 1:], columns=["time", "measured", "before", "after"])
+            frames.append(frame.assign(run=pd.Categorical(names), signal=signal)[HELD_OUT])
+    if not frames:
+        return pd.DataFrame({name: [] for name in HELD_OUT})
+    return pd.concat(frames, ignore_index=True)
+
+
+def is_motion(fit: LayerFit) -> bool:
+    """Whether a fit is of the motion."""
+    return isinstance(fit, MotionFit)
