@@ -44,6 +44,7 @@ from ident.report.numbers import (
     unit_text,
     with_unit,
 )
+from ident.report.refusals import by_reason
 from ident.report.steering_parameters import CLASSES, PARAMETERS, SHORT_METHODS, of_model
 from ident.report.tyre_parameters import (
     AXLES,
@@ -86,7 +87,7 @@ def describe_steering(result: SteeringResult) -> str:
     lines += parameter_lines(result.model)
     lines += ["", *_fit_lines(result), *_bandwidth_lines(result.bandwidth)]
     lines += experiment_lines(result.experiments)
-    lines += _limited("refused", [f"{refusal.what}: {refusal.reason}" for refusal in result.refused])
+    lines += _limited("refused", [f"{what}: {reason}" for what, reason in by_reason(result.refused)])
     lines += _limited("warning", result.warnings)
     if result.next_step:
         lines += ["", f"next: {plain(result.next_step)}"]
@@ -177,7 +178,7 @@ def describe_tyres(result: TyresResult) -> str:
     lines = [plain(result.verdict), f"  tyres: {KINDS[result.chosen]} ({plain(result.why)})", ""]
     lines += [*_table_lines(found), "", *_tyre_fit_lines(result)]
     others = [refusal for refusal in result.refused if refusal.what not in estimates(fit)]
-    lines += _limited("refused", [f"{refusal.what}: {refusal.reason}" for refusal in others])
+    lines += _limited("refused", [f"{what}: {reason}" for what, reason in by_reason(others)])
     lines += _limited("warning", result.warnings)
     if result.next_step:
         lines += ["", f"next: {plain(result.next_step)}"]
@@ -222,7 +223,7 @@ def describe_evaluate(result: EvaluateResult) -> str:
     found = [one for one in result.checks if one.verdict != "fine"]
     lines += _limited("check", [f"{one.what}: {one.text}" for one in found])
     told = {one.text for one in found}
-    lines += _limited("refused", [f"{refusal.what}: {refusal.reason}" for refusal in result.refused])
+    lines += _limited("refused", [f"{what}: {reason}" for what, reason in by_reason(result.refused)])
     lines += _limited("warning", [text for text in result.warnings if text not in told])
     if result.next_step:
         lines += ["", f"next: {plain(result.next_step)}"]
@@ -310,7 +311,7 @@ def describe_improve(result: ImproveResult) -> str:
     looked = " and ".join(result.layers) or "sensors alone"
     lines = [plain(result.told), f"  began with: {plain(result.base)}; looked at: {looked}", ""]
     lines += [*_error_lines(result), *_added_lines(result), *_sensor_lines(result)]
-    lines += _limited("refused", [f"{refusal.what}: {refusal.reason}" for refusal in result.refused])
+    lines += _limited("refused", [f"{what}: {reason}" for what, reason in by_reason(result.refused)])
     lines += _limited("warning", result.warnings)
     if result.not_testable:
         names = listed([effect_name(one.what) for one in result.not_testable], 4)

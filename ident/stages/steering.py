@@ -30,6 +30,7 @@ from ident.results import (
     Experiment,
     Noise,
     Pair,
+    Provenance,
     Refusal,
     SteeringModel,
     SteeringResult,
@@ -42,6 +43,7 @@ from ident.stages.steering_experiments import list_experiments
 from ident.stages.steering_frequency import with_frequency_response
 from ident.stages.steering_ratio import ratio_map
 from ident.stages.steering_tables import steering_tables
+from ident.stages.steering_vehicle import runs_of_one_vehicle
 
 DEGREES = 180 / np.pi
 NEAR_DEGREES = 0.2
@@ -62,7 +64,7 @@ class SteeringSettings(BaseModel):
 def steering(
     logs: Sequence[Path], inputs: InputSettings, settings: SteeringSettings, context: Context
 ) -> StageOutput[SteeringResult]:
-    """Identify the steering dynamics from the runs under LOGS.
+    """Identify the steering dynamics from the runs under LOGS, all of one vehicle.
 
     Raises
     ------
@@ -72,7 +74,9 @@ def steering(
         If no run has a request with its measured angle, if no request changes, or if the measured angle does
         not follow it.
     """
-    loaded = load(logs, inputs, context)
+    everything = load(logs, inputs, context)
+    alike, others = runs_of_one_vehicle(everything.runs, settings.pair)
+    loaded = replace(everything, runs=alike)
     pair = settings.pair or choose_pair(loaded.runs)
     data, left_out = _excited(loaded, pair)
     if not data:
@@ -88,7 +92,8 @@ def steering(
     )
     model = steering_model(fit.common.fit)
     _refuse_wrong_unit(model.gain, pair)
-    result = _result(loaded, context, pair, data, left_out, fit, model)
+    made_from = provenance(context, everything)
+    result = _result(loaded, made_from, pair, data, [*left_out, *others], fit, model)
     result = _with_ratio(result, loaded, inputs)
     result = with_frequency_response(result, data, fit)
     part = _model_part(result, fit, data)
@@ -144,7 +149,7 @@ def _refuse_wrong_unit(gain: Estimate, pair: Pair) -> None:
 
 def _result(
     loaded: LoadedLogs,
-    context: Context,
+    made_from: Provenance,
     pair: Pair,
     data: Sequence[SteeringRun],
     left_out: Sequence[Refusal],
@@ -158,7 +163,7 @@ def _result(
     excitation = {run.name: _kinds(run.name, experiments) for run in data}
     return SteeringResult(
         schema_version=SCHEMA_VERSION,
-        provenance=provenance(context, loaded),
+        provenance=made_from,
         verdict=judgement.verdict,
         next_step=judgement.next_step,
         pair=pair,

@@ -11,11 +11,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from actuator_truth import Test, ar1_noise, pulses, sines
+from actuator_truth import Test, ar1_noise
 from generator.runs import generate
-from generator.truth import Actuator, load_truth
-from log_files import ANGLE, FLAG, REQUEST, Message, message, nanoseconds, write_mcap
-from numpy.typing import NDArray
+from generator.truth import load_truth
+from steering_logs import (
+    NOISE,
+    PARAMETERS,
+    TRUTH,
+    Array,
+    answer,
+    near_truth,
+    pulse_test,
+    sine_test,
+    values,
+    write,
+)
 
 from ident.errors import NotIdentifiable
 from ident.results import SteeringModel, SteeringResult
@@ -23,78 +33,16 @@ from ident.stages.inputs import InputSettings
 from ident.stages.output import Context, StageOutput
 from ident.stages.steering import SteeringSettings, steering
 
-Array = NDArray[np.float64]
-
 ROOT = Path(__file__).resolve().parents[2]
 MEASURED = Path(os.environ.get("IDENT_MEASURED", ROOT / ".." / "shared" / "measured"))
 needs_measured = pytest.mark.skipif(
     not MEASURED.is_dir(), reason=f"no measured logs in {MEASURED} (IDENT_MEASURED)"
 )
 
-CHANNELS = """signals:
-  steering_wheel_request: {topic: /request, field: angle, unit: rad}
-  steering_wheel_angle: {topic: /angle, field: angle, unit: rad}
-  engaged: {topic: /engaged, field: engaged, unit: "1"}
-"""
-TRUTH = Actuator(0.95, 0.123, 0.25, 0.08)
-NOISE = 0.003
-PARAMETERS = ("gain", "dead_time", "time_constant_1", "time_constant_2")
-
 
 def run(*logs: Path) -> StageOutput[SteeringResult]:
     context = Context(command="test", date="2026-01-01T00:00:00Z")
     return steering(list(logs), InputSettings(), SteeringSettings(), context)
-
-
-def rows(topic: str, kind: str, field: str, time: Array, values: Array, epoch: float) -> list[Message]:
-    kept = [round(float(t), 9) for t in time]
-    return [
-        message(topic, kind, nanoseconds(epoch + t), **{field: value})
-        for t, value in zip(kept, values.tolist(), strict=True)
-    ]
-
-
-def write(
-    path: Path,
-    test: Test,
-    measured: Array,
-    *,
-    sign: float = 1.0,
-    epoch: float = 0.0,
-    engaged: tuple[Array, NDArray[np.bool_]] | None = None,
-) -> Path:
-    """One MCAP file of a request and its answer, with the channel map beside it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    (path.parent / "channels.yaml").write_text(CHANNELS, encoding="utf-8")
-    messages = rows("/request", REQUEST, "angle", test.command_times, sign * test.command_values, epoch)
-    messages += rows("/angle", ANGLE, "angle", test.times, sign * measured, epoch)
-    if engaged is not None:
-        messages += rows("/engaged", FLAG, "engaged", *engaged, epoch)
-    return write_mcap(path, sorted(messages, key=lambda one: one.time))
-
-
-def pulse_test(seed: int) -> Test:
-    return pulses(np.random.default_rng(seed), on=4.0, off=3.0, sizes=(1.0, -0.7), before=1.0)
-
-
-def sine_test(seed: int) -> Test:
-    return sines(np.random.default_rng(seed), (2.0, 5.0))
-
-
-def answer(test: Test, actuator: Actuator = TRUTH, seed: int = 1) -> Array:
-    noise = ar1_noise(test.times.size, NOISE, 0.5, np.random.default_rng(seed))
-    return test.record(actuator, noise, bias=0.01).measured
-
-
-def values(result: SteeringResult) -> Array:
-    return np.array([getattr(result.model, name).value for name in PARAMETERS])
-
-
-def near_truth(result: SteeringResult, actuator: Actuator = TRUTH) -> None:
-    for name in PARAMETERS:
-        found = getattr(result.model, name)
-        truth = float(np.real(getattr(actuator, name)))
-        assert found.value == pytest.approx(truth, abs=4 * found.std), name
 
 
 # --- generated logs -------------------------------------------------------------------------------

@@ -24,6 +24,7 @@ from ident.report.page import (
 from ident.report.pages import bode, health
 from ident.report.pages import steering_figures as figures
 from ident.report.pages import steering_tables as tables_of
+from ident.report.refusals import by_reason
 from ident.results import Refusal, SteeringResult
 
 MOST_RUNS_DRAWN = 40
@@ -155,7 +156,7 @@ def _refused(result: SteeringResult) -> list[Block]:
 
 
 def refusals(refused: Sequence[Refusal]) -> Block:
-    """List what the data cannot answer and what to drive instead."""
+    """List what the data cannot answer and what to drive instead, each reason once."""
     if not refused:
         return Text("Everything asked of this stage could be answered.", "good")
-    return Lines([(f"{refusal.what}:", refusal.reason) for refusal in refused])
+    return Lines([(f"{what}:", reason) for what, reason in by_reason(refused)])
