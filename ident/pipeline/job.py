@@ -56,7 +56,7 @@ class Job:
         UnusableLog
             If there is no log.
         BadRecipe
-            If a vehicle file is wrong.
+            If a vehicle file is wrong, or the recipe names no run.
         """
         from ident.stages.input_files import input_files
 
@@ -135,7 +135,7 @@ class Job:
     def _made_from(
         self, keys: Sequence[str], needs: dict[str, str | None], more: dict[str, str] | None = None
     ) -> MadeFrom:
-        said = self.recipe.model_dump(mode="json", include={"align", "seed", *keys})
+        said = self.recipe.model_dump(mode="json", include={"align", "runs", "seed", *keys})
         version = code_version(of_results=True)
         return MadeFrom(version, {**self._files, **(more or {})}, plain(said), needs)
 

@@ -42,6 +42,7 @@ def load_runs(
     channels: Sequence[Path] | None = None,
     vehicle: Path | None = None,
     every_topic: bool = False,
+    choose: Callable[[list[RunPath]], list[RunPath]] = list,
     progress: Progress = lambda _what, _done, _total: None,
 ) -> LoadedLogs:
     """Read all runs under the given paths.
@@ -51,6 +52,7 @@ def load_runs(
     channels : channel maps of which the best fitting is used for each run; None: look for them
     vehicle : vehicle file; None: look for one
     every_topic : say of the topics that no signal needs, too, whether they could be decoded
+    choose : the runs to be read, of those that lie there
     progress : is told what is being read, how many runs are done and how many there are
 
     Raises
@@ -60,7 +62,7 @@ def load_runs(
     BadRecipe
         If a channel map or vehicle file is wrong; this is found before any log is read.
     """
-    paths = find_runs(logs)
+    paths = choose(find_runs(logs))
     applied = AppliedFiles(channels, vehicle)
     applied.check(paths)
     runs: list[Run] = []

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ident.logs import RunPath, find_runs
 from ident.signals.applied import CHANNELS, VEHICLE, nearest_file
-from ident.stages.inputs import InputSettings
+from ident.stages.inputs import InputSettings, named_runs
 from ident.vehicle import read_vehicle
 
 BESIDE = ("-wal", "-shm", "-journal")
@@ -28,17 +28,17 @@ class InputFile:
 
 
 def input_files(logs: Sequence[Path], settings: InputSettings) -> list[InputFile]:
-    """List the files of all runs under the paths, in the order of the runs.
+    """List the files of all runs under the paths that are to be read, in the order of the runs.
 
     Raises
     ------
     UnusableLog
         If there is no log.
     BadRecipe
-        If a vehicle file is wrong.
+        If a vehicle file is wrong, or ``runs`` names no run.
     """
     made = []
-    for run in find_runs(logs):
+    for run in named_runs(find_runs(logs), settings.runs):
         made += [InputFile(run.name, _relative(path, run), path) for path in _logs_of(run)]
         made += [InputFile(run.name, name, path) for name, path in _applied(run, settings)]
     return made

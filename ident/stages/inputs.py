@@ -13,11 +13,14 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 import ident
 from ident.errors import BadRecipe
 from ident.glossary import SIGNALS
+from ident.logs import RunPath
 from ident.results import Provenance, SplitBy
 from ident.signals.run import LoadedLogs, Run, load_runs
 from ident.stages.output import Context
 from ident.units import parse_quantity
 from ident.yaml_file import nearest
+
+MOST_NAMES = 8
 
 
 def quantity(unit: str, *, positive: bool = False) -> BeforeValidator:
@@ -48,6 +51,22 @@ def _known_signals(latency: Mapping[str, float]) -> Mapping[str, float]:
 def named(run: str, globs: Sequence[str]) -> bool:
     """Whether one of the globs matches the name of a run, or the last part of it."""
     return any(fnmatchcase(run, glob) or fnmatchcase(run.rpartition("/")[2], glob) for glob in globs)
+
+
+def named_runs(found: list[RunPath], globs: Sequence[str] | None) -> list[RunPath]:
+    """Return the runs that are to be read: those that a glob names, all where there is none.
+
+    Raises
+    ------
+    BadRecipe
+        If none is named.
+    """
+    chosen = [run for run in found if globs is None or named(run.name, globs)]
+    if not chosen:
+        names = ", ".join(run.name for run in found[:MOST_NAMES])
+        more = f" and {len(found) - MOST_NAMES} more" if len(found) > MOST_NAMES else ""
+        raise BadRecipe(f"runs: {', '.join(globs or [])} names no run: the runs are {names}{more}")
+    return chosen
 
 
 class AlignSettings(BaseModel):
@@ -112,12 +131,14 @@ class InputSettings(BaseModel):
     channels : "auto" (the nearest channels.yaml, else the built-in maps), a file, or several of which the
         best fitting is used for each run
     vehicle : vehicle file; None: the nearest vehicle.yaml
+    runs : globs of the runs that are read, no other file of the logs is opened; None: all
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     channels: Literal["auto"] | Path | list[Path] = "auto"
     vehicle: Path | None = None
+    runs: Annotated[list[str], Field(min_length=1)] | None = None
     align: AlignSettings = Field(default_factory=AlignSettings)
     split: SplitSettings = Field(default_factory=SplitSettings)
     seed: int = 0
@@ -126,7 +147,7 @@ class InputSettings(BaseModel):
 def load(
     logs: Sequence[Path], settings: InputSettings, context: Context, *, every_topic: bool = False
 ) -> LoadedLogs:
-    """Read all runs, with the latencies that the settings state taken out; once in a run of several stages.
+    """Read the runs, with the latencies that the settings state taken out; once in a run of several stages.
 
     Parameters
     ----------
@@ -137,9 +158,9 @@ def load(
     UnusableLog
         If there is no log, or none of them can be read.
     BadRecipe
-        If a channel map or vehicle file is wrong.
+        If a channel map or vehicle file is wrong, or ``runs`` names no run.
     """
-    key = f"{list(logs)} {settings.channels} {settings.vehicle} {settings.align}"
+    key = f"{list(logs)} {settings.channels} {settings.vehicle} {settings.runs} {settings.align}"
     known: LoadedLogs | None = context.loaded.get(key)
     if known is not None and not every_topic:
         return known
@@ -148,12 +169,18 @@ def load(
         channels=_files(settings.channels),
         vehicle=settings.vehicle,
         every_topic=every_topic,
+        choose=lambda found: named_runs(found, settings.runs),
         progress=context.progress,
     )
-    found = replace(loaded, runs=[_without_latency(run, settings.align.latency) for run in loaded.runs])
+    runs = [_without_latency(run, settings.align.latency) for run in loaded.runs]
+    found = replace(loaded, runs=runs, warnings=[*_only(settings.runs), *loaded.warnings])
     if not every_topic:
         context.loaded[key] = found
     return found
+
+
+def _only(globs: Sequence[str] | None) -> list[str]:
+    return [] if globs is None else [f"only the runs that the recipe names were read: {', '.join(globs)}"]
 
 
 def _files(channels: str | Path | list[Path]) -> list[Path] | None:

@@ -5,9 +5,11 @@ from pathlib import Path
 import pytest
 
 from ident.errors import BadRecipe, UsageError
+from ident.logs import find_runs
 from ident.pipeline.options import RunOptions
 from ident.pipeline.recipe import Recipe, recipe_for
-from ident.stages.inputs import InputSettings
+from ident.signals.applied import nearest_file
+from ident.stages.inputs import InputSettings, named_runs
 
 ROOT = Path(__file__).parents[2]
 
@@ -107,3 +109,14 @@ def test_the_recipe_of_the_sample_logs_is_right_and_its_files_exist() -> None:
     assert recipe.channels.is_file()
     assert recipe.vehicle is not None
     assert recipe.vehicle.is_file()
+
+
+def test_the_recipe_of_the_sample_logs_reads_the_runs_of_one_truck_all_of_them() -> None:
+    """Its vehicle file is taken for that of every run, so no run may have another."""
+    recipe = recipe_for(RunOptions(recipe=ROOT / "pipelines" / "truck.yaml"))
+    found = find_runs([ROOT / "sample_logs"])
+    chosen = named_runs(found, recipe.runs)
+    assert {nearest_file(run, "vehicle.yaml") for run in chosen} == {ROOT / "sample_logs" / "vehicle.yaml"}
+    others = [run for run in found if run not in chosen]
+    assert {run.name.partition("/")[0] for run in others} == {"planar", "undeclared"}
+    assert all(nearest_file(run, "vehicle.yaml").parent.name != "sample_logs" for run in others)
