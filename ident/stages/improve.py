@@ -23,7 +23,7 @@ from ident.results import (
     Verdict,
 )
 from ident.signals.run import LoadedLogs
-from ident.stages.improve_data import LayerData, layer_data
+from ident.stages.improve_data import NOT_NAMED, LayerData, layer_data
 from ident.stages.improve_held_out import (
     Compared,
     compared,
@@ -44,7 +44,7 @@ from ident.stages.improve_told import (
     not_testable,
     step_of,
 )
-from ident.stages.inputs import InputSettings, load, named, provenance
+from ident.stages.inputs import InputSettings, load, provenance
 from ident.stages.output import Context, StageOutput
 
 NO_ERROR = ErrorComparison({}, {}, {}, "none")
@@ -66,9 +66,8 @@ def improve(
     """
     loaded = load(logs, inputs, context)
     context.progress("compare the sensors", 0, 1)
-    chosen = [run for run in loaded.runs if settings.runs is None or named(run.name, settings.runs)]
-    sensors = sensor_checks(chosen)
     data = layer_data(loaded, inputs, settings.runs)
+    sensors = sensor_checks(data.runs)
     if not data.layers:
         return _sensors_only(loaded, context, sensors, data)
     found = improve_layers(
@@ -94,7 +93,7 @@ def _sensors_only(
 ) -> StageOutput[ImproveResult]:
     """Answer with the sensors alone, where no layer can be looked at."""
     if not any(one.verdict != "not_testable" for one in sensors):
-        reasons = "; ".join(f"{one.what}: {one.reason}" for one in data.refused)
+        reasons = "; ".join(f"{one.what}: {one.reason}" for one in data.refused if one.reason != NOT_NAMED)
         raise NotIdentifiable(f"nothing to improve: {reasons}")
     differ = [one.name for one in sensors if one.verdict == "differs"]
     told = f"only the sensors could be compared: {len(differ)} of {len(sensors)} comparisons differ"

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from ident.errors import NotIdentifiable
 from ident.estimation.actuator_layer import ActuatorLayer
 from ident.estimation.actuator_runs import RunRecords
+from ident.estimation.layer import Layer
 from ident.estimation.motion_layer import KIND, MotionLayer
 from ident.estimation.tyre_start import tyre_starts
 from ident.estimation.vehicle_records import Samples
@@ -18,39 +19,42 @@ from ident.results import Refusal
 from ident.signals.run import LoadedLogs, Run
 from ident.stages.inputs import InputSettings, named
 from ident.stages.steering import actuator_record
+from ident.stages.steering_vehicle import runs_of_one_vehicle
 from ident.stages.tyre_data import TyreData, tyre_data
 
 LEAST_SPEED = 2.0  # [m/s] below which slip angles say little and noise of the speed much
 USUAL_RATIO = 20.0
-
-
-AnyLayer = ActuatorLayer | MotionLayer
+NOT_NAMED = "not among improve.runs"
 
 
 @dataclass
 class LayerData:
     """The layers that the logs hold.
 
+    runs : of one vehicle, those that are looked at
     motion : of the tyre stage's kind, None where there is none
     refused : what cannot be looked at, and why
     """
 
-    layers: list[AnyLayer] = field(default_factory=list)
+    layers: list[Layer] = field(default_factory=list)
+    runs: list[Run] = field(default_factory=list)
     motion: TyreData | None = None
     refused: list[Refusal] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
 
 def layer_data(loaded: LoadedLogs, inputs: InputSettings, runs: Sequence[str] | None) -> LayerData:
-    """Gather the layers, each from the runs that it can use."""
-    made = LayerData()
+    """Gather the layers of one vehicle, each from the runs that it can use."""
     chosen = [run for run in loaded.runs if runs is None or named(run.name, runs)]
+    alike, others = runs_of_one_vehicle(chosen, None)
+    left_out = [Refusal(run.name, NOT_NAMED) for run in loaded.runs if run not in chosen]
+    made = LayerData(runs=alike, refused=[*left_out, *others])
     try:
-        made.layers.append(_actuator(chosen))
+        made.layers.append(_actuator(alike))
     except NotIdentifiable as error:
         made.refused.append(Refusal("actuator (request to angle)", str(error)))
     try:
-        data = tyre_data(loaded, inputs.align, runs, LEAST_SPEED, refuse_late=False)
+        data = tyre_data(replace(loaded, runs=alike), inputs.align, None, LEAST_SPEED, refuse_late=False)
         made.motion = data
         made.layers.append(_motion(data))
         made.refused += data.left_out

@@ -1,4 +1,4 @@
-"""Which runs the steering is identified from, where the logs are of several vehicles: those of one of them.
+"""Which runs are looked at where the logs are of several vehicles: those of one of them.
 
 Runs under different vehicle files are of different vehicles, and so are runs with such a file and runs
 without. Where no run has one, all are taken for the same vehicle.
@@ -12,7 +12,7 @@ from ident.experiments.steering_data import PAIRS, steering_run
 from ident.results import Pair, Refusal
 from ident.signals.run import Run
 
-OTHER_FILE = "its vehicle file says another vehicle: identify the steering of its runs by themselves"
+OTHER_FILE = "its vehicle file says another vehicle: take its runs by themselves"
 NO_FILE = "no vehicle file says that it is of the same vehicle: put one above its log too"
 
 
