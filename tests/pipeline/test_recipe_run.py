@@ -124,7 +124,7 @@ def test_settings_of_one_stage_run_that_stage_and_those_that_use_it(fakes: dict[
     computed(fakes)
     recipe("tyres: {least_speed: 4 m/s}")
     assert "tyres: done, the settings changed" in go().summary
-    assert computed(fakes) == ["tyres", "evaluate", "improve"]
+    assert computed(fakes) == ["tyres", "evaluate"]
     recipe("tyres: {least_speed: 4 m/s}\nevaluate: {tolerance: 0.2}")
     assert "evaluate: done, the settings changed" in go().summary
     assert computed(fakes) == ["evaluate"]
@@ -144,6 +144,36 @@ def test_a_log_that_changes_runs_all_again(fakes: dict[str, Fake]) -> None:
     Path("logs/run_c.mcap").write_text("new", encoding="utf-8")
     go()
     assert computed(fakes) == list(STAGES)
+
+
+def test_other_runs_in_the_recipe_run_all_again_and_a_log_that_it_does_not_name_runs_nothing(
+    fakes: dict[str, Fake],
+) -> None:
+    go()
+    computed(fakes)
+    recipe("runs: [run_*]")
+    assert "steering: done, the settings changed" in go().summary
+    assert computed(fakes) == list(STAGES)
+    Path("logs/trailer.mcap").write_text("new", encoding="utf-8")
+    go()
+    assert computed(fakes) == []
+    recipe("runs: [run_b, trailer]")
+    go()
+    assert computed(fakes) == list(STAGES)
+
+
+def test_a_recipe_that_names_no_run_is_refused_before_anything_is_computed(fakes: dict[str, Fake]) -> None:
+    recipe("runs: [manual_*]")
+    with pytest.raises(BadRecipe, match=r"runs: manual_[*] names no run: the runs are run_a, run_b"):
+        go()
+    assert computed(fakes) == []
+
+
+def test_what_is_held_out_is_one_of_the_runs_that_are_read(fakes: dict[str, Fake]) -> None:
+    recipe("runs: [run_a]\nsplit: {held_out: [run_b]}")
+    with pytest.raises(BadRecipe, match="split: run_b names no run: the runs are run_a"):
+        go()
+    assert computed(fakes) == []
 
 
 @pytest.mark.parametrize("name", ["vehicle.yaml", "channels.yaml", "types.idl"])
@@ -226,22 +256,21 @@ def test_what_needs_a_stage_that_cannot_answer_cannot_either(fakes: dict[str, Fa
     assert outcome.error is None
 
 
-@pytest.mark.parametrize("missing", ["tyres", "steering"])
-def test_the_improvement_takes_the_tyres_or_the_steering_alone(fakes: dict[str, Fake], missing: str) -> None:
-    fakes[missing].refuses = "no motion"
+def test_the_improvement_fits_for_itself_and_answers_where_no_other_stage_does(
+    fakes: dict[str, Fake],
+) -> None:
+    for name in ("steering", "tyres", "evaluate"):
+        fakes[name].refuses = "no motion"
     outcome = go()
     assert states(outcome)["improve"] == "done"
-    given = fakes["improve"].calls[0][1]
-    assert [name for name, result in given.items() if result is None] == [missing]
-    assert set(given) == {"tyres", "steering"}
+    assert fakes["improve"].calls[0][1] == {}
     assert outcome.error is None
 
 
-def test_the_improvement_alone_brings_tyres_and_steering_up_to_date(fakes: dict[str, Fake]) -> None:
+def test_the_improvement_alone_computes_no_other_stage(fakes: dict[str, Fake]) -> None:
     outcome = run_stage("improve", [Path("logs")], RunOptions(out=OUT), lambda *_: None)
-    assert computed(fakes) == ["steering", "tyres", "improve"]
+    assert computed(fakes) == ["improve"]
     assert outcome.report == OUT / "index.html"
-    assert json.loads(outcome.json)["warnings"] == ["improve of tyres", "improve of steering"]
 
 
 def test_the_line_that_is_told_of_the_improvement_is_its_own(
