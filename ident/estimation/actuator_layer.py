@@ -231,6 +231,9 @@ class ActuatorLayer:
         shape = fit_autoregression(records, like)
         return capped if shape.largest_pole() > slowest else shape
 
+    def with_term(self, key: str, at: Mapping[str, float], fit: LayerFit) -> None:
+        """See :class:`~ident.estimation.layer.Layer`; generic terms are not fitted here."""
+
     def held_out(self, fit: LayerFit, runs: Sequence[str]) -> HeldOut:
         """See :class:`~ident.estimation.layer.Layer`; the bias of a new run is the mean of the fit's runs."""
         if not isinstance(fit, ActuatorLayerFit):

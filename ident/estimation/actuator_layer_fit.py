@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,6 +140,14 @@ class ActuatorLayerFit:
     def noise(self) -> dict[str, float]:
         """See :class:`~ident.estimation.layer.LayerFit`."""
         return {self.signal: self.fit.noise.total_std}
+
+    def term(self, key: str) -> tuple[float, float]:
+        """See :class:`~ident.estimation.layer.LayerFit`; no generic term is fitted here."""
+        raise KeyError(key)
+
+    def renoised(self) -> Self:
+        """See :class:`~ident.estimation.layer.LayerFit`; its noise is that of what it leaves already."""
+        return self
 
     def rms(self) -> dict[str, float]:
         """See :class:`~ident.estimation.layer.LayerFit`."""

@@ -50,7 +50,8 @@ def gain_interval(
     drawn = bootstrap_weights(count, seed) @ sums / number
     stretch = float(stats.t.isf(0.025, count - 1) / stats.norm.isf(0.025) * np.sqrt(count / (count - 1)))
     low, high = mean + stretch * (np.quantile(drawn, [0.025, 0.975]) - mean)
-    return mean, float(low), float(high)
+    # one block that gains far more than the others must not draw the limit below what was ever drawn
+    return mean, float(max(low, drawn.min())), float(min(high, drawn.max()))
 
 
 def rms_range(

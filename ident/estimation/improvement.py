@@ -4,8 +4,8 @@ Each round tests everything that the present fits have not got, over all layers 
 screen), fits the candidates that the screen names in full, and adds the one of the largest likelihood. It
 stops at the first round in which nothing is left, which keeps the level of the whole.
 
-An effect has a name only if nothing is left once it is in, if it is physically possible, if it is of the same
-size in all runs, and if no generic term of the same layer does clearly better than it.
+An effect is added only if it is physically possible and no generic term of the same layer does clearly better
+than it: where one does, what is there has no name in the catalogue, and the loop ends.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from ident.estimation.candidate_set import Classes, candidate_set
-from ident.estimation.layer import SIZE, Layer, LayerFit
+from ident.estimation.layer import SIZE, Layer, LayerFit, LayerScores
 from ident.estimation.residual_tests import Screen, Screened, screen
 
 Array = NDArray[np.float64]
@@ -26,8 +26,6 @@ Array = NDArray[np.float64]
 SURVIVORS = 5
 MOST_EFFECTS = 8
 SHAPES_TRIED = 2  # of the best that a full fit begins from
-CLEARLY = 10.0  # of 2 log likelihood: by which a generic term beats an effect for certain
-AT_LEAST = 0.5  # of what its score promised, that a full fit has to gain
 
 NOTHING_LEFT = "nothing is left that noise does not explain"
 
@@ -56,7 +54,7 @@ class Round:
     """One round of the loop.
 
     layer : in which something was tried, None where nothing was left
-    rival : the best generic term of that layer, by its score
+    rival : the generic term of that layer that gains most
     """
 
     screen: Screen
@@ -147,8 +145,7 @@ def _round(found: Improvement, looked: Screen, effects: Sequence[str] | None, su
     layer = _where(looked)
     fit = found.fits[layer]
     own = [one for one in looked.groups if one.layer == layer and one.untestable is None]
-    generic = [one for one in own if one.effect is None and one.shape is not None]
-    rival = max(generic, key=lambda one: one.statistic, default=None)
+    rival = _rival(own, next(one.scores for one in looked.layers if one.scores.layer == layer))
     candidates = [one for one in own if one.effect is not None and (effects is None or one.effect in effects)]
     candidates.sort(key=lambda one: -one.statistic)
     tried: list[Tried] = []
@@ -204,9 +201,18 @@ def _chosen(
     likelihoods = {key: fit.likelihood(like) for key, fit in fits.items()}
     gains = {key: float(one.values.sum() - before.values.sum()) for key, one in likelihoods.items()}
     freedom = {key: fit.freedom for key, fit in fits.items()}
+    against = _rival_fit(found.layers[layer], found.fits[layer], rival)
     classes = candidate_set(likelihoods, freedom, base=before, level=looked.level)
     best = classes.best
     tried = [_judged(one, gains, classes, best) for one in tried]
+    if against is not None and rival is not None:
+        other = against[1].likelihood(like)
+        both = {best: likelihoods[best], rival.key: other}
+        duel = candidate_set(
+            both, {best: freedom[best], rival.key: against[1].freedom}, base=before, level=looked.level
+        )
+        if duel.best == rival.key and best not in duel.members:
+            return _unnamed(looked, layer, tried, rival, best)
     tried.sort(key=lambda one: (one.gain is None, -(one.gain or 0.0), -one.screened.statistic))
     threshold = float(chi2.isf(looked.level, max(1, freedom[best] - found.fits[layer].freedom)))
     if gains[best] < threshold:
@@ -218,7 +224,38 @@ def _chosen(
     members = (best, *(key for key in classes.members if key != best))
     fit = like if like.keys == fits[best].keys else fits[best].renoised()
     tried = [replace(one, fit=fit) if one.key == best else one for one in tried]
-    return Round(looked, layer, tuple(tried), best, members, rival, _reason(best, members, gains))
+    why = _reason(best, members, gains)
+    return Round(looked, layer, tuple(tried), best, members, rival, why)
+
+
+def _unnamed(looked: Screen, layer: str, tried: Sequence[Tried], rival: Screened, best: str) -> Round:
+    """A generic term does better than the best effect: what is there has no name in the catalogue."""
+    told = f"{rival.key} explains clearly more"
+    undone = tuple(replace(one, why_not=one.why_not or told, in_class=False) for one in tried)
+    why = f"{told} than {best}, the nearest in the catalogue"
+    return Round(looked, layer, undone, None, (), rival, why)
+
+
+def _rival(own: Sequence[Screened], scores: LayerScores) -> Screened | None:
+    """The generic term whose one step would gain most likelihood, in an equation and not in a sensor."""
+    columns = {g.key: [s.columns[0] for s in g.shapes] for g in scores.groups if g.effect is None}
+    total, length = scores.scores.sum(axis=0), np.diag(scores.gram)
+    power = np.where(length > 0, total**2 / np.maximum(length, 1e-300), 0.0)
+    generic = [one for one in own if one.key in columns and one.key.partition(": ")[0] not in scores.signals]
+    return max(generic, key=lambda one: power[columns[one.key]].max(), default=None)
+
+
+def _rival_fit(layer: Layer, fit: LayerFit, rival: Screened | None) -> tuple[Layer, LayerFit] | None:
+    """The best generic term in place of an effect, fitted in full, and the layer that knows it."""
+    if rival is None or rival.shape is None:
+        return None
+    with_it = layer.with_term(rival.key, rival.shape.at, fit)
+    if with_it is None:
+        return None
+    try:
+        return with_it, with_it.fitted((*fit.keys, rival.key), start=fit)
+    except ValueError:
+        return None
 
 
 def _judged(one: Tried, gains: Mapping[str, float], classes: Classes, best: str) -> Tried:
@@ -246,10 +283,17 @@ def _reason(best: str, members: Sequence[str], gains: Mapping[str, float]) -> st
     return f"{told}, the next {rest[0]:.0f}" if rest else told
 
 
-def beaten(found: Improvement) -> Round | None:
-    """The round in which a generic term did clearly better than the effect that was added, if any."""
-    for one in found.rounds:
-        gain = next((t.gain for t in one.tried if t.key == one.added), None)
-        if gain is not None and one.rival is not None and one.rival.statistic > gain + CLEARLY:
-            return one
-    return None
+def with_term(found: Improvement) -> tuple[str, Screened] | None:
+    """Add the generic term that explains most of what is left; -> its layer and score, if any does."""
+    gate = found.rounds[-1].screen
+    layer = found.rounds[-1].layer or _layer_of(gate)
+    if layer is None:
+        return None
+    own = [one for one in gate.groups if one.layer == layer and one.untestable is None]
+    rival = _rival(own, next(one.scores for one in gate.layers if one.scores.layer == layer))
+    made = _rival_fit(found.layers[layer], found.fits[layer], rival)
+    if rival is None or made is None:
+        return None
+    found.layers = {**found.layers, layer: made[0]}
+    found.fits[layer] = made[1].renoised()
+    return layer, rival

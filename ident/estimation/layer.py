@@ -124,6 +124,10 @@ class LayerFit(Protocol):
         """The effects with their parameters, by key."""
         ...
 
+    def term(self, key: str) -> tuple[float, float]:
+        """Coefficient of a generic term that is in the fit, and its standard error."""
+        ...
+
     def sizes_by_run(self, key: str) -> tuple[Array, Array]:
         """(r,) size of an effect by each run alone, (r,) its standard error; infinite where a run is mute."""
         ...
@@ -180,6 +184,10 @@ class Layer(Protocol):
 
     def without(self, runs: Sequence[str]) -> Layer:
         """The layer without some runs."""
+        ...
+
+    def with_term(self, key: str, at: Mapping[str, float], fit: LayerFit) -> Layer | None:
+        """The layer with a generic term of the screen, which ``fitted`` then takes as a key."""
         ...
 
     def held_out(self, fit: LayerFit, runs: Sequence[str]) -> HeldOut:

@@ -144,3 +144,21 @@ def steps(path: Trajectory) -> Sequence[tuple[float, Array]]:
     driven = driven_since(path)
     edges = np.linspace(driven.min(), driven.max(), STEP_TIMES + 2)[1:-1]
     return [(float(edge), (driven > edge).astype(np.float64)) for edge in edges]
+
+
+def pushed_by(
+    key: str, at: Mapping[str, float], path: Trajectory, parameters: Mapping[str, float]
+) -> dict[str, Array] | None:
+    """Input of the model -> (N,) what a unit of a generic term adds to it; None where it is no push.
+
+    key : as of the screen, such as "yaw_moment: r|r|"; at : what its shape holds
+    """
+    equation, _, name = key.partition(": ")
+    if equation not in EQUATIONS:
+        return None
+    if "since" in at:
+        values = (driven_since(path) > at["since"]).astype(np.float64)
+        values = values * (scaled(path["felt_acceleration"]) if equation == "front_tyre" else 1.0)
+    else:
+        values = basis(path)[name]
+    return dict(push(equation, values, parameters).inputs)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ident.dynamics.effects import Effect, sensor_bias
 from ident.dynamics.effects.body_roll import BODY_ROLL
+from ident.dynamics.effects.catalogue import CATALOGUE
 from ident.dynamics.effects.load_transfer import LOAD_TRANSFER
 from ident.dynamics.effects.road_bank import BANK_COS, BANK_SIN
 from ident.dynamics.effects.steering_offset import OFFSET
@@ -21,6 +22,7 @@ from ident.dynamics.effects.steering_ratio_nonlinearity import STEERING_RATIO_NO
 from ident.dynamics.effects.tyre_relaxation import LENGTH, TYRE_RELAXATION
 from ident.dynamics.effects.wheel_speed_scale import WHEEL_SPEED_SCALE
 from ident.dynamics.parameter import Parameter
+from ident.estimation.layer import EffectCard
 from ident.estimation.tyre_fit import BANK, MISALIGNED, SENSOR_BIAS, STEERING_OFFSET
 from ident.estimation.vehicle_inputs import InputBlock, LateAngle, LinkagePlay
 from ident.estimation.vehicle_problem import Coordinate, RunTerm
@@ -31,6 +33,15 @@ LONGEST_DELAY = 0.2  # [s]
 LEAD = 0.2  # [s] by which windows begin before their samples
 PLAY = Parameter("width", "rad", 5e-5, 0.06, 3e-3, "whole play between the angle sensor and the road wheels")
 DELAY = Parameter("delay", "s", 0.0, LONGEST_DELAY, 0.03, "by which the sensor reads late")
+EITHER_SIGN = {
+    *("steering_offset", "sensor_bias", "road_bank", "antenna_offset"),
+    *("steering_ratio_nonlinearity", "wheel_speed_scale"),
+}
+TOLD_AS = {
+    ("steering_offset", "steering_offset"): "angle",
+    ("road_bank", "bank_cos"): "bank_cos",
+    ("road_bank", "bank_sin"): "bank_sin",
+}
 LATE = {
     "yaw_rate": ("yaw_rate",),
     "lateral_acceleration": ("lateral_acceleration",),
@@ -186,3 +197,28 @@ def testable(one: MotionEffect, signals: Sequence[str]) -> str | None:
     """Why an effect cannot be tested with these signals, None where it can."""
     missing = [name for name in one.needs if name not in signals]
     return f"needs {', '.join(missing)}, which no run holds" if missing else None
+
+
+def told_as(effect: MotionEffect, name: str) -> str:
+    """Name of a parameter of an effect in the JSON."""
+    if effect.name == "sensor_bias":
+        return "bias"
+    return TOLD_AS.get((effect.name, name), name.rpartition(".")[2])
+
+
+def card_of(effect: MotionEffect) -> EffectCard:
+    """What is said of an effect to a reader."""
+    entry, size = CATALOGUE[effect.name], next(iter(effect.sizes.values()))
+    return EffectCard(
+        name=effect.name,
+        enters=entry.enters,
+        of=effect.of,
+        size=entry.parameters[0].name,
+        unit=size.unit,
+        typical=abs(size.typical),
+        equation=entry.equation,
+        meaning=entry.meaning,
+        shown_by=entry.shown_by,
+        positive=effect.name not in EITHER_SIGN,
+        meanings={told_as(effect, one.name): one.meaning for one in effect.sizes.values()},
+    )

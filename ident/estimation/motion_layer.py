@@ -8,9 +8,9 @@ of the pose, which is a matter of mounting and of maps, and the reference point 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,19 +22,33 @@ from ident.dynamics.effects.load_transfer import HEIGHT
 from ident.dynamics.effects.probes import PROBES
 from ident.dynamics.effects.tyre_relaxation import LENGTH, shortest_length
 from ident.dynamics.engine import Engine, compiled
-from ident.estimation.gauss_newton import minimise
-from ident.estimation.layer import SIZE, EffectCard, HeldOut, LayerScores, Likelihood
-from ident.estimation.motion_effects import LEAD, MotionEffect, motion_effects, testable
+from ident.estimation.layer import SIZE, EffectCard, HeldOut, LayerFit, LayerScores, Likelihood
+from ident.estimation.motion_basis import pushed_by, trajectory_of
+from ident.estimation.motion_effects import (
+    LEAD,
+    MotionEffect,
+    card_of,
+    motion_effects,
+    testable,
+    told_as,
+)
 from ident.estimation.motion_scores import Projection
 from ident.estimation.motion_screen import MotionDirections, motion_directions
+from ident.estimation.motion_starts import (
+    begun_states,
+    initial_states,
+    minimised,
+    settled,
+    terms_of_runs,
+)
 from ident.estimation.tyre_fit import BANK, SENSOR_BIAS, WINDOW, Body, coordinates_of
 from ident.estimation.vehicle_fit import (
-    NEGLIGIBLE,
     VehicleFit,
     fit_vehicle,
     identify_noise,
     inflation,
     rough_point,
+    shift_by_run,
 )
 from ident.estimation.vehicle_point import VehiclePoint
 from ident.estimation.vehicle_problem import Around, Coordinate, RunTerm, VehicleProblem
@@ -54,26 +68,8 @@ PARTS_ORDER = (
     "body_roll",
 )
 NOISE_ROUNDS = 3
-ITERATIONS = 10
-SETTLING = 4  # steps of initial states alone
 MOST_STARTS = 6
 Z = 1.959964
-EITHER_SIGN = {
-    *("steering_offset", "sensor_bias", "road_bank", "antenna_offset"),
-    *("steering_ratio_nonlinearity", "wheel_speed_scale"),
-}
-TOLD_AS = {
-    ("steering_offset", "steering_offset"): "angle",
-    ("road_bank", "bank_cos"): "bank_cos",
-    ("road_bank", "bank_sin"): "bank_sin",
-}
-
-
-def told_as(effect: MotionEffect, name: str) -> str:
-    """Name of a parameter of an effect in the JSON."""
-    if effect.name == "sensor_bias":
-        return "bias"
-    return TOLD_AS.get((effect.name, name), name.rpartition(".")[2])
 
 
 def engine_of(effects: Sequence[MotionEffect], kind: str = KIND) -> Engine:
@@ -91,6 +87,8 @@ class MotionLayer:
     floor : signal -> least standard deviation of its noise
     height_over_track : where the vehicle file says both
     base_terms : terms of the runs that the base holds
+    terms : generic term, such as "yaw_moment: r|r|" -> input of the model -> for each record, and each of its
+        windows, what a unit of it adds there
     """
 
     records: Sequence[MotionRecord]
@@ -100,6 +98,7 @@ class MotionLayer:
     floor: Mapping[str, float]
     height_over_track: float | None = None
     base_terms: tuple[RunTerm, ...] = (HEADING,)
+    terms: Mapping[str, Mapping[str, tuple[tuple[Array, ...], ...]]] = field(default_factory=dict)
     name: str = "motion"
 
     @cached_property
@@ -122,7 +121,7 @@ class MotionLayer:
 
     def problem(self, keys: Sequence[str]) -> VehicleProblem:
         """The base model with these effects."""
-        effects = [self.effects[key] for key in keys]
+        effects, generic = self._effects(keys), [key for key in keys if key in self.terms]
         engine = engine_of(effects)
         coordinates = [
             one
@@ -130,6 +129,7 @@ class MotionLayer:
             if one.name != "steering_offset"
         ]
         coordinates += [self._bounded(one) for effect in effects for one in effect.coordinates]
+        coordinates += [Coordinate(key, logarithmic=False) for key in generic]
         own = {one.name for one in coordinates}
         given = {"mass": self.body.mass, "steering_offset": 0.0, **dict.fromkeys(BANK, 0.0)}
         given |= {n: float(getattr(self.body, n)) for n in ("cg_to_front_axle", "cg_to_rear_axle")}
@@ -141,8 +141,36 @@ class MotionLayer:
         around = Around(
             tuple(block for effect in effects for block in effect.blocks),
             {signal: name for effect in effects for signal, name in (effect.late or {}).items()},
+            {key: self._pushes(key) for key in generic},
         )
         return VehicleProblem(engine, self.windows, coordinates, fixed, terms, around)
+
+    def _effects(self, keys: Sequence[str]) -> list[MotionEffect]:
+        """Those of the keys that are no generic terms."""
+        return [self.effects[key] for key in keys if key not in self.terms]
+
+    def _pushes(self, key: str) -> dict[str, Array]:
+        """(N,) what a unit of a generic term adds to each input, on the grid of all windows."""
+        return {
+            name: np.concatenate([part for record in parts for part in record])
+            for name, parts in self.terms[key].items()
+        }
+
+    def with_term(self, key: str, at: Mapping[str, float], fit: LayerFit) -> MotionLayer | None:
+        """See :class:`~ident.estimation.layer.Layer`; its function is that of the motion of the fit."""
+        fit = _motion(fit)
+        pushed = pushed_by(key, at, trajectory_of(fit.point), fit.parameters)
+        if pushed is None:
+            return None
+        counts = [len(cut(record, WINDOW, LEAD)) for record in self.records]
+        edges = np.cumsum([0, *counts])
+        made = {}
+        for name, values in pushed.items():
+            parts = np.split(values, self.windows.offsets[1:-1])
+            made[name] = tuple(tuple(parts[i:j]) for i, j in pairwise(edges.tolist()))
+        layer = replace(self, terms={**self.terms, key: made})
+        layer.__dict__["windows"] = self.windows  # the same, so that fits carry over
+        return layer
 
     @property
     def _reference_open(self) -> bool:
@@ -160,17 +188,17 @@ class MotionLayer:
         self,
         keys: Sequence[str] = (),
         *,
-        start: MotionFit | None = None,
+        start: LayerFit | None = None,
         shapes: Mapping[str, Sequence[Mapping[str, float]]] | None = None,
     ) -> MotionFit:
         """See :class:`~ident.estimation.layer.Layer`."""
-        problem = self.problem(keys)
+        problem, start = self.problem(keys), _of_motion(start)
         points = [self._point(problem, keys, start, one) for one in self._starts(keys, shapes or {})]
         noise = start.point.noise if start else None
         if noise is None:
             first = rough_point(problem, points[0].shared)
             return MotionFit(self, tuple(keys), first).renoised()
-        tried = [_minimised(point) for point in points if np.isfinite(point.value)]
+        tried = [minimised(point) for point in points if np.isfinite(point.value)]
         if not tried:
             raise ValueError(f"the model blows up with {', '.join(keys)}")
         return MotionFit(self, tuple(keys), min(tried, key=lambda point: point.value))
@@ -179,7 +207,9 @@ class MotionLayer:
         self, keys: Sequence[str], shapes: Mapping[str, Sequence[Mapping[str, float]]]
     ) -> list[dict[str, float]]:
         """Values of the effects' coordinates to begin with, one for each combination of shapes."""
-        own = [[self._named(key, one) for one in shapes.get(key) or [{}]] for key in keys]
+        own = [
+            [self._named(key, one) for one in shapes.get(key) or [{}]] for key in keys if key in self.effects
+        ]
         made = [{k: v for part in parts for k, v in part.items()} for parts in product(*own)]
         return made[:MOST_STARTS]
 
@@ -202,7 +232,7 @@ class MotionLayer:
         known = dict(self.start) if start is None else dict(start.parameters)
         typical = {
             one.name: size.typical if one.logarithmic or one is not effect.coordinates[0] else 0.0
-            for effect in (self.effects[key] for key in keys)
+            for effect in self._effects(keys)
             for one, size in zip(effect.coordinates, effect.sizes.values(), strict=True)
         }
         possible = {
@@ -217,10 +247,10 @@ class MotionLayer:
         if start is not None:
             before = start.point
             if before.problem.windows is problem.windows:
-                of_runs = _terms_of(problem, before)
-            begun = _begun(problem, [self.effects[key] for key in keys], before)
+                of_runs = terms_of_runs(problem, before)
+            begun = begun_states(problem, self._effects(keys), before)
             problem.initial_local[:, : problem.states] += begun
-            local = _local_of(problem, before, problem.initial_local)
+            local = initial_states(problem, before, problem.initial_local)
         noise = {} if start is None else start.point.noise
         return VehiclePoint(problem, problem.inside(shared), of_runs, local, noise)
 
@@ -232,30 +262,22 @@ class MotionLayer:
     def of_runs(self, kept: Sequence[str]) -> MotionLayer:
         """The layer of some of its runs."""
         place = {self.runs.index(name): number for number, name in enumerate(kept)}
-        records = [replace(r, run=place[r.run]) for r in self.records if r.run in place]
-        return replace(self, records=records, runs=list(kept))
+        inside = [number for number, r in enumerate(self.records) if r.run in place]
+        inside.sort(key=lambda number: place[self.records[number].run])
+        records = [replace(self.records[n], run=place[self.records[n].run]) for n in inside]
+        terms = {
+            key: {name: tuple(parts[n] for n in inside) for name, parts in one.items()}
+            for key, one in self.terms.items()
+        }
+        return replace(self, records=records, runs=list(kept), terms=terms)
 
     def effect(self, key: str) -> EffectCard:
         """See :class:`~ident.estimation.layer.Layer`."""
-        effect = motion_effects()[key]
-        entry, size = CATALOGUE[effect.name], next(iter(effect.sizes.values()))
-        return EffectCard(
-            name=effect.name,
-            enters=entry.enters,
-            of=effect.of,
-            size=entry.parameters[0].name,
-            unit=size.unit,
-            typical=abs(size.typical),
-            equation=entry.equation,
-            meaning=entry.meaning,
-            shown_by=entry.shown_by,
-            positive=effect.name not in EITHER_SIGN,
-            meanings={told_as(effect, one.name): one.meaning for one in effect.sizes.values()},
-        )
+        return card_of(motion_effects()[key])
 
-    def held_out(self, fit: MotionFit, runs: Sequence[str]) -> HeldOut:
+    def held_out(self, fit: LayerFit, runs: Sequence[str]) -> HeldOut:
         """See :class:`~ident.estimation.layer.Layer`."""
-        layer = self.of_runs(runs)
+        layer, fit = self.of_runs(runs), _motion(fit)
         problem = layer.problem(fit.keys)
         mean = fit.point.of_runs.mean(axis=0) if fit.point.of_runs.size else np.zeros(0)
         names = [term.name for term in fit.point.problem.run_terms]
@@ -263,65 +285,7 @@ class MotionLayer:
             [[mean[names.index(t.name)] if t.name in names else 0.0 for t in problem.run_terms]] * len(runs)
         ).reshape(len(runs), len(problem.run_terms))
         point = VehiclePoint(problem, fit.point.shared, of_runs, problem.initial_local, fit.point.noise)
-        return _errors(_settled(point))
-
-
-def _begun(problem: VehicleProblem, effects: Sequence[MotionEffect], before: VehiclePoint) -> Array:
-    """(w, x) where the states that effects bring begin: at what the model without them says, else at zero."""
-    made = np.zeros((len(problem.windows.records), problem.states))
-    begins = {s: o for effect in effects for part in effect.parts for s, o in part.begins.items()}
-    if not begins or before.problem.windows is not problem.windows:
-        return made
-    _, outputs = before.problem.simulate(before.shared, before.of_runs, before.local)
-    first = problem.windows.offsets[:-1]
-    for state, output in begins.items():
-        if state not in before.problem.engine.states:
-            made[:, problem.engine.states.index(state)] = outputs[
-                first, before.problem.engine.outputs.index(output)
-            ]
-    return made
-
-
-def _minimised(point: VehiclePoint) -> VehiclePoint:
-    """Maximum likelihood under the noise as it is; one that lacks much needs not be followed to the end."""
-    return minimise(point, ITERATIONS, negligible=NEGLIGIBLE)[0]
-
-
-def _terms_of(problem: VehicleProblem, before: VehiclePoint) -> Array:
-    """(runs, b) terms of the runs of a fit, for a model that may have more or fewer of them."""
-    made = np.zeros((problem.windows.runs, len(problem.run_terms)))
-    names = [term.name for term in before.problem.run_terms]
-    for number, term in enumerate(problem.run_terms):
-        if term.name in names:
-            made[:, number] = before.of_runs[:, names.index(term.name)]
-    return made
-
-
-def _local_of(problem: VehicleProblem, before: VehiclePoint, local: Array) -> Array:
-    """Initial states of a fit, for a model that may have more or fewer states."""
-    made, old = local.copy(), before.problem.engine.states
-    if before.problem.windows is not problem.windows:
-        return made
-    for number, name in enumerate(problem.engine.states):
-        if name in old:
-            made[:, number] = before.local[:, old.index(name)]
-    if before.problem.anchors == problem.anchors:
-        made[:, problem.states :] = before.local[:, before.problem.states :]
-    return made
-
-
-def _settled(point: VehiclePoint) -> VehiclePoint:
-    """Initial states adapted, all else as it is."""
-    known = point.noise
-    point = replace(point, noise={name: known[name] for name in point.problem.compared if name in known})
-    nothing = np.zeros(len(point.problem.run_terms) + point.shared.size)
-    for _ in range(SETTLING):
-        steps = np.array([window.step(nothing) for window in point.windows])
-        tried = replace(point, local=point.local + steps)
-        if not tried.value < point.value * (1 - 1e-9):
-            break
-        point = tried
-    return point
+        return _errors(settled(point))
 
 
 def _errors(point: VehiclePoint) -> HeldOut:
@@ -348,7 +312,7 @@ class MotionFit:
     @property
     def freedom(self) -> int:
         """Parameters that the effects add."""
-        return sum(self.layer.effects[key].freedom for key in self.keys)
+        return sum(self.layer.effects[k].freedom if k in self.layer.effects else 1 for k in self.keys)
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -359,10 +323,10 @@ class MotionFit:
         """See :class:`~ident.estimation.layer.LayerFit`."""
         point = self.point
         for number in range(NOISE_ROUNDS):
-            point = _minimised(point)
+            point = minimised(point)
             noise, _ = identify_noise(point, self.layer.floor, keep_order=number > 1)
             point = replace(point, noise=noise)
-        return MotionFit(self.layer, self.keys, _minimised(point))
+        return MotionFit(self.layer, self.keys, minimised(point))
 
     @cached_property
     def projection(self) -> Projection:
@@ -383,11 +347,11 @@ class MotionFit:
         candidates = [one for key, one in self.layer.effects.items() if key not in self.keys]
         return motion_directions(self.point, self.projection, candidates, self.layer.body)
 
-    def likelihood(self, like: MotionFit | None = None) -> Likelihood:
+    def likelihood(self, like: LayerFit | None = None) -> Likelihood:
         """See :class:`~ident.estimation.layer.LayerFit`."""
-        projection = self.projection
+        projection, like = self.projection, _of_motion(like)
         if like is not None and like.point.noise is not self.point.noise:
-            point = _minimised(replace(self.point, noise=like.point.noise))
+            point = minimised(replace(self.point, noise=like.point.noise))
             projection = Projection(point)
         return Likelihood(projection.bins.run, projection.bins.time, projection.likelihood())
 
@@ -401,7 +365,15 @@ class MotionFit:
 
     def estimates(self) -> dict[str, EffectEstimate]:
         """See :class:`~ident.estimation.layer.LayerFit`."""
-        return {key: self._estimate(self.layer.effects[key]) for key in self.keys}
+        return {
+            key: self._estimate(self.layer.effects[key]) for key in self.keys if key in self.layer.effects
+        }
+
+    def term(self, key: str) -> tuple[float, float]:
+        """See :class:`~ident.estimation.layer.LayerFit`."""
+        fit = self.final
+        index = [one.name for one in fit.point.problem.coordinates].index(key)
+        return float(fit.shared[index]), float(np.sqrt(fit.covariance[index, index]))
 
     def _estimate(self, effect: MotionEffect) -> EffectEstimate:
         fit = self.final
@@ -438,19 +410,10 @@ class MotionFit:
         size = next(iter(effect.sizes))
         if effect.run_terms:
             return self._of_runs(fit, size)
-        names = [one.name for one in fit.point.problem.coordinates]
-        index, wider = names.index(size), inflation(fit)
-        coordinate = fit.point.problem.coordinates[index]
-        slope = coordinate.slope(float(fit.shared[index]))
-        values, stds = [], []
-        for run in fit.point.by_run:
-            own, rest = run.rows[:, index], run.rows[:, -1]
-            told = float(own @ own)
-            values.append(
-                coordinate.value(float(fit.shared[index])) + slope * float(own @ rest) / max(told, 1e-300)
-            )
-            stds.append(slope * np.sqrt(wider / told) if told > 0 else np.inf)
-        return np.array(values), np.array(stds)
+        index = [one.name for one in fit.point.problem.coordinates].index(size)
+        shift, std = shift_by_run(fit, index)
+        coordinate, at = fit.point.problem.coordinates[index], float(fit.shared[index])
+        return coordinate.value(at) + coordinate.slope(at) * shift, coordinate.slope(at) * std
 
     def is_allowed(self) -> dict[str, str]:
         """See :class:`~ident.estimation.layer.LayerFit`."""
@@ -459,7 +422,7 @@ class MotionFit:
             for one, at in zip(self.point.problem.coordinates, self.point.shared, strict=True)
         }
         told = {}
-        for key in self.keys:
+        for key in (k for k in self.keys if k in self.layer.effects):
             for name in self.layer.effects[key].sizes:
                 if name not in coordinates:
                     continue
@@ -469,6 +432,16 @@ class MotionFit:
                         f"{name.rpartition('.')[2]} runs to {one.value(at):.3g}, the end of what is possible"
                     )
         return told
+
+
+def _motion(fit: LayerFit) -> MotionFit:
+    if not isinstance(fit, MotionFit):
+        raise TypeError("a fit of another layer")
+    return fit
+
+
+def _of_motion(fit: LayerFit | None) -> MotionFit | None:
+    return None if fit is None else _motion(fit)
 
 
 def _of_coordinate(one: Coordinate, at: float, std: float, unit: str) -> Estimate:

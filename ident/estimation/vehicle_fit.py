@@ -47,6 +47,7 @@ FIRST_LOOK = 3  # iterations from each start before the best is followed
 BLOCK = 1.0  # [s] over which whitened residuals are summed to see slow colour
 CERTAIN = 1e-4  # p-value of that sum below which the colour is there
 LEAST_SHARE = 1e-3  # of the information on a direction, that a run must have for it to be compared
+INFORMATIVE = 0.05
 SETTLED = 1e-3
 SAME_WEIGHTS = 0.02
 TINY = 1e-300
@@ -338,6 +339,27 @@ def run_agreement(fit: VehicleFit) -> list[RunAgreement]:
         std = np.sqrt(wider * np.einsum("ij,ij->i", alone, basis))
         made.append(RunAgreement(p, alone @ score, std))
     return made
+
+
+def shift_by_run(fit: VehicleFit, index: int) -> tuple[Array, Array]:
+    """By how much each run alone would move one coordinate, the others adapted to all runs, and its error.
+
+    Runs that hold less than ``INFORMATIVE`` of what the best one tells are mute: their error is infinite.
+
+    Returns
+    -------
+    (r,) change of the coordinate, (r,) its standard error
+    """
+    rows = [run.rows for run in fit.point.by_run]
+    together = np.vstack(rows)
+    others = np.delete(np.arange(fit.shared.size), index)
+    of_others, *_ = np.linalg.lstsq(together[:, others], together[:, index], rcond=None)
+    own = [one[:, index] - one[:, others] @ of_others for one in rows]
+    told = np.array([float(one @ one) for one in own])
+    score = np.array([float(one @ part[:, -1]) for one, part in zip(own, rows, strict=True)])
+    loud = told > INFORMATIVE * told.max(initial=0.0)
+    safe = np.where(loud, told, 1.0)
+    return np.where(loud, score / safe, 0.0), np.where(loud, np.sqrt(inflation(fit) / safe), np.inf)
 
 
 def _quadratic_p(score: Array, spread: Array, wider: float) -> float:

@@ -95,15 +95,19 @@ class Around:
 
     blocks : before the model, in order, each with a coordinate of its name
     late : measured signal -> name of the coordinate that holds its delay [s]
+    pushes : coordinate -> input of the model -> (N,) what is added to it, times the coordinate's value
     """
 
     blocks: tuple[InputBlock, ...] = ()
     late: Mapping[str, str] = field(default_factory=dict)
+    pushes: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Coordinates that the model itself does not know."""
-        return tuple(dict.fromkeys([*(block.name for block in self.blocks), *self.late.values()]))
+        return tuple(
+            dict.fromkeys([*(block.name for block in self.blocks), *self.late.values(), *self.pushes])
+        )
 
 
 NOTHING_AROUND = Around()
@@ -371,13 +375,18 @@ class VehicleProblem:
         inputs[:, :2] = self.windows.inputs
         names = [one.name for one in self.coordinates]
         upstream = {STEERING_RATIO, *self.around.names} & set(names)
-        if not (upstream or self.around.blocks):
+        if not upstream:
             return inputs, None
         chain = np.zeros((*inputs.shape, len(self.active)))
         if STEERING_RATIO in names:
             chain[:, 0, len(self._inner) + names.index(STEERING_RATIO)] = -inputs[:, 0]
+        values = self.values(shared)
+        for coordinate, push in self.around.pushes.items():
+            for name, added in push.items():
+                place = self.engine.inputs.index(name)
+                inputs[:, place] += values[coordinate] * added
+                chain[:, place, len(self._inner) + names.index(coordinate)] += added
         if self.around.blocks:
-            values = self.values(shared)
             blocks = self.around.blocks
             inputs[:, 0], chain[:, 0] = through_blocks(
                 blocks,

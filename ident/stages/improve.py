@@ -12,7 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from ident.errors import NotIdentifiable
-from ident.estimation.improvement import Improvement, beaten, improve_layers
+from ident.estimation.before_after import same_size
+from ident.estimation.improvement import Improvement, improve_layers, with_term
+from ident.estimation.residual_tests import Screened
 from ident.results import (
     SCHEMA_VERSION,
     Confirmation,
@@ -80,10 +82,12 @@ def improve(
         most_effects=settings.most_effects,
         progress=context.progress,
     )
+    verdict = verdict_of(found)
+    term = with_term(found) if verdict[0] == "unexplained" else None
     parts = [compared(found, name, settings.folds, context.progress) for name in found.layers]
     error = error_comparison(parts, inputs.seed)
     table, regressor = with_regressor(improve_table(found, loaded), error, [key for _, key in found.added])
-    result = _result(loaded, context, data, found, parts, error, sensors, regressor, inputs.seed)
+    result = _result(loaded, context, data, found, parts, error, sensors, regressor, inputs.seed, term)
     tables = {"improve": table, "improve_held_out": held_out_table(parts)}
     return StageOutput(result, tables, model_part(found, data))
 
@@ -137,12 +141,13 @@ def _result(
     sensors: list[SensorCheck],
     regressor: Any,
     seed: int,
+    term: tuple[str, Screened] | None,
 ) -> ImproveResult:
     gate = found.rounds[-1].screen
     effects = found_effects(found, parts)
-    verdict, why = verdict_of(found, effects)
+    verdict, why = verdict_of(found)
     steps = [step_of(one, found.layers) for one in found.rounds]
-    confirmed = confirmation(parts, seed) if found.added else None
+    confirmed = confirmation(parts, seed) if found.added or term else None
     missing = {name: _why(data, name) for name in ("actuator", "motion") if name not in found.layers}
     return ImproveResult(
         schema_version=SCHEMA_VERSION,
@@ -153,7 +158,7 @@ def _result(
         layers=list(found.layers),  # type: ignore[arg-type]
         sensors=sensors,
         effects=effects,
-        discovered=discovered(gate, seed) if verdict == "unexplained" else None,
+        discovered=None if term is None else discovered(found, *term, parts, seed),
         candidates=next((one.candidates for one in reversed(steps) if one.candidates), []),
         steps=steps,
         minimum_detectable=minimum_detectable(gate, found.layers),
@@ -168,23 +173,17 @@ def _result(
     )
 
 
-def verdict_of(found: Improvement, effects: Sequence[FoundEffect]) -> tuple[Verdict, str]:
+def verdict_of(found: Improvement) -> tuple[Verdict, str]:
     """The verdict, and the reason where it is not plain."""
     if not found.passes:
         return "unexplained", found.rounds[-1].why
-    rival = beaten(found)
-    if rival is not None and rival.rival is not None:
-        better = f"{rival.rival.key} explains clearly more than {rival.added}, the nearest in the catalogue"
-        return "unexplained", better
-    unlike = [one for one in effects if one.same_in_runs_p is not None and one.same_in_runs_p < DIFFERENT]
-    if unlike:
-        return (
-            "unexplained",
-            f"{unlike[0].key} is not of one size in all runs (p = {unlike[0].same_in_runs_p:.1g})",
-        )
-    if not effects:
+    for layer, key in found.added:
+        p_value = same_size(*found.fits[layer].sizes_by_run(key))
+        if p_value is not None and p_value < DIFFERENT:
+            return "unexplained", f"{key} is not of one size in all runs (p = {p_value:.1g})"
+    if not found.added:
         return "adequate", ""
-    return ("equivalent" if any(len(one.members) > 1 for one in effects) else "named"), ""
+    return ("equivalent" if any(len(found.members(key)) > 1 for _, key in found.added) else "named"), ""
 
 
 def _base(found: Improvement) -> str:

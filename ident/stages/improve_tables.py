@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -90,8 +90,9 @@ def _explaining(run: Run | None, times: Array) -> dict[str, Array]:
     ):
         if name in run.signals:
             signal = run.signals[name]
-            good = np.isfinite(signal.values)
-            made[name] = np.interp(times, signal.time[good], signal.values[good])
+            known = signal.values  # noqa: PD011
+            good = np.isfinite(known)
+            made[name] = np.interp(times, signal.time[good], known[good])
     angle = made.get("road_wheel_angle", made.get("steering_wheel_angle"))
     if angle is not None and times.size > 2:
         made["steering_rate"] = np.gradient(_smooth(angle), times)
@@ -112,7 +113,8 @@ def with_regressor(
     plain = [column for column in table.columns if not column.startswith("by_")]
     if not added:
         return table[plain], None
-    signal = max(error.before, key=lambda name: _gained(error, name))
+    direct = [name for name in error.before if not name.startswith(("position", "heading"))]
+    signal = max(direct or list(error.before), key=lambda name: _gained(error, name))
     residual = (table[f"{signal}_measured"] - table[f"{signal}_before"]).to_numpy(dtype=float)
     shares = {name: _explained(table[f"by_{name}"].to_numpy(dtype=float), residual) for name in _there(table)}
     best = max(shares, key=lambda name: shares[name], default=None)
@@ -148,8 +150,3 @@ def _explained(variable: Array, residual: Array) -> float:
     return float(
         np.sum(count * (mean - residual.mean()) ** 2) / max(np.sum((residual - residual.mean()) ** 2), 1e-300)
     )
-
-
-def mapping_of(error: ErrorComparison) -> Mapping[str, tuple[float, float]]:
-    """Signal -> error before and after."""
-    return {name: (error.before[name].value, error.after[name].value) for name in error.before}

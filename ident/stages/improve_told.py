@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import sympy
 from numpy.typing import NDArray
 
 from ident.dynamics.effects.catalogue import CATALOGUE, not_built
@@ -14,6 +15,7 @@ from ident.estimation.detectable import detectable_sizes
 from ident.estimation.improvement import Improvement, Round, Tried
 from ident.estimation.layer import EffectCard, Layer, LayerFit, LayerScores
 from ident.estimation.residual_tests import Screen, Screened
+from ident.estimation.score_blocks import block_index
 from ident.results import (
     Candidate,
     DetectableSize,
@@ -34,6 +36,26 @@ Z = 1.959964
 HALVES = 200  # half-samples of blocks in which a discovered term is looked for again
 EQUATIONS = ("lateral_force", "front_tyre", "yaw_moment", "request", "angle")
 UNITS = {"lateral_force": "m/s^2", "front_tyre": "m/s^2", "yaw_moment": "rad/s^2"}
+STRONGER_WHERE_SMALLER = ("steering_rate_limit",)
+BLOCK = 10.0  # [s] of them
+_U, _R, _A, _V, _PSI = sympy.symbols("u r a v psi")
+TERMS = {
+    "1": sympy.Integer(1),
+    "t": sympy.Symbol("t"),
+    "u": _U,
+    "|u|": sympy.Abs(_U),
+    "u|u|": _U * sympy.Abs(_U),
+    "u^3": _U**3,
+    "v": _V,
+    "v u": _V * _U,
+    "cos(heading)": sympy.cos(_PSI),
+    "sin(heading)": sympy.sin(_PSI),
+    "r|r|": _R * sympy.Abs(_R),
+    "a|a|": _A * sympy.Abs(_A),
+    "x": sympy.Symbol("x"),
+    "y": sympy.Symbol("y"),
+}
+"""Terms of the basis as they are typeset: u steering angle, r yaw rate, a lateral acceleration."""
 SEEN = 0.02  # of the power above noise, below which an equation is not listed
 
 
@@ -224,9 +246,8 @@ def next_experiment(found: Improvement, gate: Screen) -> NextExperiment | None:
                 separates=list(members),
                 why="these effects look alike in the runs so far, and differ there",
             )
-    hidden = [
-        (size.value / size.typical, key) for key, size in minimum_detectable(gate, found.layers).items()
-    ]
+    sizes = minimum_detectable(gate, found.layers)
+    hidden = [(_over_usual(key, size), key) for key, size in sizes.items()]
     hidden = [(ratio, key) for ratio, key in hidden if ratio > 1]
     if not hidden:
         return None
@@ -239,6 +260,12 @@ def next_experiment(found: Improvement, gate: Screen) -> NextExperiment | None:
     )
 
 
+def _over_usual(key: str, size: DetectableSize) -> float:
+    """How far what would show is beyond what is usual; a rate limit acts the more the smaller it is."""
+    ratio = size.value / size.typical
+    return 1 / ratio if key in STRONGER_WHERE_SMALLER else ratio
+
+
 def _knows(layer: Layer, key: str) -> bool:
     try:
         layer.effect(key)
@@ -247,46 +274,53 @@ def _knows(layer: Layer, key: str) -> bool:
     return True
 
 
-def discovered(gate: Screen, seed: int) -> Discovered | None:
-    """The generic term that explains most of what is left, and how stable that choice is."""
-    generic = [one for one in gate.groups if one.effect is None and one.shape is not None]
-    if not generic:
-        return None
-    best = max(generic, key=lambda one: one.statistic / max(one.freedom, 1))
-    if best.p_value > gate.level:
-        return None
-    scores = next(one.scores for one in gate.layers if one.scores.layer == best.layer)
-    equation, _, term = best.key.partition(": ")
-    value, std = best.size
+def discovered(
+    found: Improvement, layer: str, score: Screened, parts: Sequence[Compared], seed: int
+) -> Discovered:
+    """The generic term that was fitted in place of what the catalogue lacks, and how stable its choice is."""
+    gate = found.rounds[-1].screen
+    scores = next(one.scores for one in gate.layers if one.scores.layer == layer)
+    equation, _, term = score.key.partition(": ")
+    value, std = found.fits[layer].term(score.key)
     unit = UNITS.get(equation, "of the signal")
     return Discovered(
         equation=equation,
         term=term,
-        mathml="",
+        mathml=mathml(_typeset(equation, term)),
         coefficient=Estimate(value, std, value - Z * std, value + Z * std, unit),
-        p_value=best.p_value,
-        stability=_stability(scores, best.key, seed),
+        p_value=score.p_value,
+        stability=_stability(scores, score.key, seed),
+        share=_share(parts, layer, found),
     )
+
+
+def _typeset(equation: str, term: str) -> sympy.Basic:
+    """The equation with the term, such as I_z dr/dt = ... + c r|r|."""
+    time, coefficient = sympy.Symbol("t"), sympy.Symbol("c")
+    written = TERMS.get(term, sympy.Symbol("f"))
+    rate = sympy.Derivative(sympy.Function("r")(time), time)
+    if equation == "yaw_moment":
+        return sympy.Eq(rate, sympy.Symbol("M") / sympy.Symbol("I_z") + coefficient * written, evaluate=False)
+    side = sympy.Symbol("a_y") if equation == "lateral_force" else sympy.Symbol("F_f") / sympy.Symbol("m")
+    force = sympy.Symbol("Y") if equation == "lateral_force" else sympy.Symbol("F_tyre")
+    return sympy.Eq(side, force / sympy.Symbol("m") + coefficient * written, evaluate=False)
 
 
 def _stability(scores: LayerScores, key: str, seed: int) -> float:
     """Share of half-samples of the data in which the same term explains most."""
     keys, columns = [], []
     for group in scores.groups:
-        if group.effect is None:
+        if group.effect is None and group.key.partition(": ")[0] not in scores.signals:
             for shape in group.shapes:
                 keys.append(group.key)
                 columns.append(shape.columns[0])
     random = np.random.default_rng(seed)
-    block = np.unique(np.column_stack([scores.run, scores.time // 10.0]), axis=0, return_inverse=True)[
-        1
-    ].ravel()
+    block = block_index(scores.run, scores.time, BLOCK)
     count, chosen = int(block.max()) + 1, 0
     own, energy = scores.scores[:, columns], scores.energy[:, columns]
     for _ in range(HALVES):
-        kept = random.permutation(count)[: (count + 1) // 2]
-        part = np.isin(block, kept)
-        power = own[part].sum(axis=0) ** 2 / np.maximum(energy[part].sum(axis=0), 1e-300)
-        power[energy[part].sum(axis=0) <= 0] = 0.0
+        part = np.isin(block, random.permutation(count)[: (count + 1) // 2])
+        told = energy[part].sum(axis=0)
+        power = np.where(told > 0, own[part].sum(axis=0) ** 2 / np.maximum(told, 1e-300), 0.0)
         chosen += keys[int(np.argmax(power))] == key
     return chosen / HALVES

@@ -1,0 +1,78 @@
+"""Where a fit of the motion begins: at one with other effects, its states and terms carried over."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ident.estimation.gauss_newton import minimise
+from ident.estimation.motion_effects import MotionEffect
+from ident.estimation.vehicle_fit import NEGLIGIBLE
+from ident.estimation.vehicle_point import VehiclePoint
+from ident.estimation.vehicle_problem import VehicleProblem
+
+Array = NDArray[np.float64]
+
+ITERATIONS = 10
+SETTLING = 4  # steps of initial states alone
+
+
+def begun_states(problem: VehicleProblem, effects: Sequence[MotionEffect], before: VehiclePoint) -> Array:
+    """(w, x) where the states that effects bring begin: at what the model without them says, else at zero."""
+    made = np.zeros((len(problem.windows.records), problem.states))
+    begins = {s: o for effect in effects for part in effect.parts for s, o in part.begins.items()}
+    if not begins or before.problem.windows is not problem.windows:
+        return made
+    _, outputs = before.problem.simulate(before.shared, before.of_runs, before.local)
+    first = problem.windows.offsets[:-1]
+    for state, output in begins.items():
+        if state not in before.problem.engine.states:
+            made[:, problem.engine.states.index(state)] = outputs[
+                first, before.problem.engine.outputs.index(output)
+            ]
+    return made
+
+
+def terms_of_runs(problem: VehicleProblem, before: VehiclePoint) -> Array:
+    """(runs, b) terms of the runs of a fit, for a model that may have more or fewer of them."""
+    made = np.zeros((problem.windows.runs, len(problem.run_terms)))
+    names = [term.name for term in before.problem.run_terms]
+    for number, term in enumerate(problem.run_terms):
+        if term.name in names:
+            made[:, number] = before.of_runs[:, names.index(term.name)]
+    return made
+
+
+def initial_states(problem: VehicleProblem, before: VehiclePoint, local: Array) -> Array:
+    """Initial states of a fit, for a model that may have more or fewer states."""
+    made, old = local.copy(), before.problem.engine.states
+    if before.problem.windows is not problem.windows:
+        return made
+    for number, name in enumerate(problem.engine.states):
+        if name in old:
+            made[:, number] = before.local[:, old.index(name)]
+    if before.problem.anchors == problem.anchors:
+        made[:, problem.states :] = before.local[:, before.problem.states :]
+    return made
+
+
+def minimised(point: VehiclePoint) -> VehiclePoint:
+    """Maximum likelihood under the noise as it is; one that lacks much needs not be followed to the end."""
+    return minimise(point, ITERATIONS, negligible=NEGLIGIBLE)[0]
+
+
+def settled(point: VehiclePoint) -> VehiclePoint:
+    """Initial states adapted, all else as it is."""
+    known = point.noise
+    point = replace(point, noise={name: known[name] for name in point.problem.compared if name in known})
+    nothing = np.zeros(len(point.problem.run_terms) + point.shared.size)
+    for _ in range(SETTLING):
+        steps = np.array([window.step(nothing) for window in point.windows])
+        tried = replace(point, local=point.local + steps)
+        if not tried.value < point.value * (1 - 1e-9):
+            break
+        point = tried
+    return point
