@@ -233,7 +233,7 @@ class MotionLayer:
         typical = {
             one.name: size.typical if one.logarithmic or one is not effect.coordinates[0] else 0.0
             for effect in self._effects(keys)
-            for one, size in zip(effect.coordinates, effect.sizes.values(), strict=True)
+            for one, size in zip(effect.coordinates, effect.sizes.values(), strict=False)
         }
         possible = {
             name: value
