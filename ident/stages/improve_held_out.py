@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
@@ -14,14 +14,15 @@ from ident.estimation.improvement import Improvement
 from ident.estimation.layer import BIN, HeldOut, Layer, LayerFit, Likelihood
 from ident.estimation.motion_layer import MotionFit
 from ident.glossary import SIGNALS
-from ident.results import Confirmation, ErrorComparison, ErrorRange, Estimate
+from ident.results import Confirmation, ErrorComparison, ErrorRange, Estimate, SplitBy
+from ident.stages.improve_folds import Folds, folds_of
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-FOLDS = 4
 HELD_OUT = ["run", "time", "signal", "measured", "before", "after"]
-LEAST_RUNS = 3
+CONFIRMED_BY = {"run": "leave some runs out", "block": "blocks within one run"}
+WEAKEST: tuple[SplitBy, ...] = ("none", "block", "part", "run")
 Progress = Callable[[str, int, int], None]
 
 
@@ -30,13 +31,20 @@ class Compared:
     """Errors of base and improved model in the same samples.
 
     rows : signal -> (n, 5) run, time, measured, before, after
-    held_out : whether the samples took no part in the fits
+    by : what took no part in the fits, "none" where all did
+    left_in : run -> why it was not held out; it has no rows
     """
 
     rows: dict[str, Array]
     noise: dict[str, float]
     runs: list[str]
-    held_out: bool
+    by: SplitBy
+    left_in: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def held_out(self) -> bool:
+        """Whether the samples took no part in the fits."""
+        return self.by != "none"
 
 
 def unit_of(signal: str) -> str:
@@ -45,26 +53,38 @@ def unit_of(signal: str) -> str:
 
 
 def compared(found: Improvement, name: str, folds: int | None, progress: Progress) -> Compared:
-    """Errors of a layer, run by run from fits without that run; of the fit itself where runs are few."""
+    """Errors of a layer in runs (or blocks) from fits without them; of the fit itself where they are few."""
     layer, base, fit = found.layers[name], found.base[name], found.fits[name]
-    if len(layer.runs) < LEAST_RUNS:
-        parts = [_both(layer, base, fit, layer.runs)]
-        return _gathered(parts, fit, layer.runs, held_out=False)
+    divided = folds_of(layer, base, folds)
+    left_in = dict(divided.left_in)
     parts = []
-    groups = _folds(layer.runs, folds or FOLDS)
-    for number, runs in enumerate(groups):
-        progress("errors on runs that take no part", number, len(groups))
-        rest = layer.without(runs)
+    for number, runs in enumerate(divided.groups):
+        progress("errors on data that take no part", number, len(divided.groups))
+        one = _without(divided, runs, base, fit)
+        if isinstance(one, str):
+            left_in |= {run: f"{run} is in every fit: {one}" for run in runs}
+        else:
+            parts.append(one)
+    if not parts:
+        return _gathered([_both(layer, base, fit, layer.runs)], fit, replace(divided, by="none"), layer.runs)
+    return replace(_gathered(parts, fit, divided, layer.runs), left_in=left_in)
+
+
+def _without(
+    divided: Folds, runs: Sequence[str], base: LayerFit, fit: LayerFit
+) -> tuple[Sequence[str], HeldOut, HeldOut] | str:
+    """Errors in some runs of models that were fitted without them, or why there are none."""
+    rest = divided.layer.without(runs)
+    try:
         before = rest.fitted((), start=base)
         after = rest.fitted(fit.keys, start=fit) if fit.keys else before
-        parts.append(_both(layer, before, after, runs))
-    return _gathered(parts, fit, layer.runs, held_out=True)
-
-
-def _folds(runs: Sequence[str], count: int) -> list[list[str]]:
-    """Groups of runs that are left out together, each a share of all."""
-    count = min(count, len(runs))
-    return [list(runs[number::count]) for number in range(count)]
+    except ValueError as error:
+        return f"no fit without it: {error}"
+    made = _both(divided.layer, before, after, runs)
+    errors = [one for held in made[1:] for one in held.errors.values()]
+    if not all(np.isfinite(one).all() for one in errors):
+        return "the model fitted without it blows up there"
+    return made
 
 
 def _both(
@@ -77,13 +97,12 @@ def _both(
 def _gathered(
     parts: Sequence[tuple[Sequence[str], HeldOut, HeldOut]],
     fit: LayerFit,
+    divided: Folds,
     runs: Sequence[str],
-    *,
-    held_out: bool,
 ) -> Compared:
     values: dict[str, list[Array]] = {}
     for own, before, after in parts:
-        place = np.array([runs.index(name) for name in own])
+        place = np.array([runs.index(divided.of.get(name, name)) for name in own])
         for signal, error in after.errors.items():
             columns = (
                 place[after.run[signal]],
@@ -93,7 +112,7 @@ def _gathered(
                 after.modelled[signal],
             )
             values.setdefault(signal, []).append(np.column_stack(columns))
-    return Compared({k: np.vstack(v) for k, v in values.items()}, fit.noise(), list(runs), held_out)
+    return Compared({k: np.vstack(v) for k, v in values.items()}, fit.noise(), list(runs), divided.by)
 
 
 def error_comparison(parts: Sequence[Compared], seed: int) -> ErrorComparison:
@@ -106,8 +125,8 @@ def error_comparison(parts: Sequence[Compared], seed: int) -> ErrorComparison:
             made = [rms_range(rows[:, 2] - rows[:, k], run, time, seed=seed) for k in (3, 4)]
             before[signal], after[signal] = (ErrorRange(*one, unit) for one in made)
             noise[signal] = part.noise[signal]
-    by = "run" if any(part.held_out for part in parts) else "none"
-    return ErrorComparison(before, after, noise, by)  # type: ignore[arg-type]
+    by: SplitBy = min((part.by for part in parts), key=WEAKEST.index, default="none")
+    return ErrorComparison(before, after, noise, by)
 
 
 def confirmation(parts: Sequence[Compared], seed: int) -> Confirmation | None:
@@ -131,10 +150,13 @@ def confirmation(parts: Sequence[Compared], seed: int) -> Confirmation | None:
     by_run, gained = {}, np.subtract(other.values, one.values)
     for number, name in enumerate(runs):
         own = one.run == number
+        if not own.any():
+            continue
         by_run[name] = float(gained[own].sum() / 2 / max(count, 1))
     finite = np.isfinite([low, high]).all()
+    how = CONFIRMED_BY[min((part.by for part in parts), key=WEAKEST.index)]
     gain = Estimate(mean, None, low if finite else None, high if finite else None, "1")
-    return Confirmation(gain, by_run, bool(finite and low > 0), "leave some runs out")
+    return Confirmation(gain, by_run, bool(finite and low > 0), how)
 
 
 def _binned(parts: Sequence[tuple[Index, Array, Array]]) -> Likelihood:
