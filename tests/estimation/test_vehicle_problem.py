@@ -249,13 +249,14 @@ def dense(point):
 
 def _with_priors(point, blocks, targets, width):
     problem = point.problem
-    first = problem.local * len(problem.windows.records)
-    priors = np.concatenate([np.tile(problem.run_std, problem.windows.runs), problem.prior_std])
-    away = np.concatenate([-point.of_runs.ravel(), problem.prior_mean - point.shared])
-    known = np.isfinite(priors)
-    block = np.zeros((priors.size, width))
-    block[:, first:] = np.diag(np.where(known, 1 / priors, 0.0))
-    return np.vstack([*blocks, block]), np.concatenate([*targets, np.where(known, away / priors, 0.0)])
+    priors = [problem.initial_std.ravel(), np.tile(problem.run_std, problem.windows.runs), problem.prior_std]
+    away = [
+        *((problem.initial_local - point.local).ravel(), -point.of_runs.ravel()),
+        problem.prior_mean - point.shared,
+    ]
+    weight = 1 / np.concatenate(priors)  # nothing where there is none
+    assert weight.size == width
+    return np.vstack([*blocks, np.diag(weight)]), np.concatenate([*targets, weight * np.concatenate(away)])
 
 
 def test_the_value_is_the_sum_of_squares_of_those_rows():

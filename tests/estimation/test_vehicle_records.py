@@ -106,3 +106,66 @@ def test_a_signal_that_only_some_windows_have_is_placed_in_those():
     assert heading.at(cubic(windows.times)[:, None])[:, 0] == pytest.approx(heading.values, abs=1e-12)
     assert windows.seconds == pytest.approx(40.0)
     assert windows.runs == 2
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(1.0, 60.0), st.floats(1.0, 30.0))
+def test_windows_that_begin_early_lose_the_first_samples_alone(seconds, length):
+    whole, lead = record(seconds), 0.2
+    windows = cut(whole, length, lead)
+    stamps = np.concatenate([one.measured["yaw_rate"].times for one in windows])
+    own = whole.measured["yaw_rate"].times
+    assert np.array_equal(stamps, own[own >= whole.times[20]])
+    assert windows[0].times[0] == whole.times[0]
+    assert windows[-1].times[-1] == whole.times[-1]
+    for before, after in pairwise(windows):
+        assert before.times[-1] - after.times[0] == pytest.approx(lead, abs=1e-9)
+    for one in windows:
+        assert one.measured["yaw_rate"].times[0] >= one.times[0] + lead - 1e-9
+        assert one.road_wheel_angle == pytest.approx(cubic(one.times), abs=1e-12)
+
+
+def test_a_record_shorter_than_the_lead_is_used_from_its_start():
+    (window,) = cut(record(0.2), 10.0, 0.2)
+    assert window.measured["yaw_rate"].times.size == 10
+    assert window.times.size == 21
+
+
+def test_slopes_between_grid_points_are_those_of_the_cubic():
+    windows = Windows([*cut(record(), 10.0, 0.2), *cut(record(17.0, run=1, rate=83.0), 10.0)])
+    samples = windows.signals["yaw_rate"]
+    grid = np.column_stack([cubic(windows.times), np.cos(windows.times)])
+    slopes = samples.slopes(grid)
+    t = (samples.times - 110.0) / 10
+    assert slopes[:, 0] == pytest.approx((1 - t + 0.9 * t**2) / 10, abs=1e-10)
+    assert slopes[:, 1] == pytest.approx(-np.sin(samples.times), abs=1e-6)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.0137, 0.15, 0.2])
+def test_a_late_sensor_reads_what_was_before_its_stamp(delay):
+    windows = Windows(cut(record(), 10.0, 0.2))
+    late = windows.later("yaw_rate", delay)
+    grid = cubic(windows.times)[:, None]
+    assert late.at(grid)[:, 0] == pytest.approx(cubic(late.times - delay), abs=1e-12)
+    now = windows.signals["yaw_rate"]
+    assert np.array_equal(late.values, now.values)
+    assert np.array_equal(late.times, now.times)
+    assert np.array_equal(late.window, now.window)
+
+
+@pytest.mark.parametrize("lead", [0.0, 0.2])
+def test_stretches_are_the_uninterrupted_parts_of_the_runs(lead):
+    first, rest = record(20.0), record(15.0, begin=130.0)
+    other = record(12.0, begin=142.0, run=1)  # begins where the run before it is already over
+    windows = Windows([part for one in (first, rest, other) for part in cut(one, 5.0, lead)])
+    stretches = windows.stretches
+    assert [one.times[0] for one in stretches] == [100.0, 130.0, 142.0]
+    assert [one.times[-1] for one in stretches] == pytest.approx([120.0, 145.0, 154.0])
+    rows = np.concatenate([one.rows for one in stretches])
+    assert np.array_equal(rows, np.arange(windows.times.size))
+    for one in stretches:
+        assert one.times[one.place] == pytest.approx(windows.times[one.rows], abs=1e-9)
+        assert set(one.place) == set(range(one.times.size))
+        assert one.whole(windows.times) == pytest.approx(one.times, abs=1e-9)
+        both = np.column_stack([windows.times, windows.steps])
+        assert one.whole(both)[:, 0] == pytest.approx(one.times, abs=1e-9)
