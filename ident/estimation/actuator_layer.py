@@ -268,6 +268,7 @@ class ActuatorLayer:
             equation=effect.equation,
             meaning=effect.meaning,
             shown_by=effect.shown_by,
+            positive=False,  # a full fit says whether it is possible: its direction is no derivative
         )
 
 

@@ -30,6 +30,9 @@ UNKNOWN = 1e3  # times its size: a standard error that says nothing
 MUTE = 1e-4  # of the length of a direction: less than that left tells nothing of its size
 
 
+FAR = 0.3  # of what the angle moves, left over
+
+
 @dataclass(frozen=True, eq=False)
 class ActuatorLayerFit:
     """The actuator with some effects; see :class:`~ident.estimation.layer.LayerFit`.
@@ -140,6 +143,17 @@ class ActuatorLayerFit:
     def noise(self) -> dict[str, float]:
         """See :class:`~ident.estimation.layer.LayerFit`."""
         return {self.signal: self.fit.noise.total_std}
+
+    @property
+    def is_far(self) -> bool:
+        """See :class:`~ident.estimation.layer.LayerFit`."""
+        parts = [r.measured - r.measured.mean() for r in self.problem.records]
+        spread = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+        return bool(self.rms()[self.signal] > FAR * spread)
+
+    def size(self, key: str) -> float:
+        """See :class:`~ident.estimation.layer.LayerFit`."""
+        return self.sizes()[key]
 
     def term(self, key: str) -> tuple[float, float]:
         """See :class:`~ident.estimation.layer.LayerFit`; no generic term is fitted here."""

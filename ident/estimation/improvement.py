@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from ident.estimation.candidate_set import Classes, candidate_set
-from ident.estimation.layer import SIZE, Layer, LayerFit, LayerScores
+from ident.estimation.layer import SIZE, DoesNotFit, Layer, LayerFit, LayerScores
 from ident.estimation.residual_tests import Screen, Screened, screen
 
 Array = NDArray[np.float64]
@@ -29,6 +29,10 @@ SHAPES_TRIED = 2  # of the best that a full fit begins from
 
 NOTHING_LEFT = "nothing is left that noise does not explain"
 
+CONTRADICTS = 5.0  # standard errors of what the sensors say by themselves
+PRACTICAL = 0.2  # of it
+
+Known = Mapping[str, tuple[float, float]]
 Progress = Callable[[str, int, int], None]
 
 
@@ -98,6 +102,7 @@ def improve_layers(
     draws: int,
     seed: int,
     effects: Sequence[str] | None = None,
+    known: Mapping[str, tuple[float, float]] | None = None,
     survivors: int = SURVIVORS,
     most_effects: int = MOST_EFFECTS,
     progress: Progress = lambda _what, _done, _total: None,
@@ -107,6 +112,8 @@ def improve_layers(
     Parameters
     ----------
     effects : names that may be added; all that are built where None
+    known : key of an effect -> its size and standard error as the sensors tell it among themselves; a fit
+        that contradicts that is a stand-in for something else
     survivors : of the screen, that are fitted in full; most_effects : that are added
     """
     progress("fit the base model", 0, most_effects)
@@ -126,7 +133,7 @@ def improve_layers(
             why = f"something is left after {most_effects} effects"
             found.rounds.append(Round(looked, _layer_of(looked), (), None, (), None, why))
             break
-        one = _round(found, looked, effects, survivors)
+        one = _round(found, looked, effects, survivors, known or {})
         found.rounds.append(one)
         if one.added is None or one.layer is None:
             break
@@ -140,7 +147,9 @@ def _layer_of(looked: Screen) -> str | None:
     return looked.strongest.layer if looked.strongest else None
 
 
-def _round(found: Improvement, looked: Screen, effects: Sequence[str] | None, survivors: int) -> Round:
+def _round(
+    found: Improvement, looked: Screen, effects: Sequence[str] | None, survivors: int, known: Known
+) -> Round:
     """Fit what the screen names, in the layer in which most is left, and choose."""
     layer = _where(looked)
     fit = found.fits[layer]
@@ -150,12 +159,12 @@ def _round(found: Improvement, looked: Screen, effects: Sequence[str] | None, su
     candidates.sort(key=lambda one: -one.statistic)
     tried: list[Tried] = []
     for one in candidates:
-        why_not = _not_worth(one, found.layers[layer], looked.level)
+        why_not = None if fit.is_far else _not_worth(one, found.layers[layer], looked.level)
         if why_not is None and sum(t.why_not is None for t in tried) >= survivors:
             why_not = f"its score is below those of the {survivors} that were fitted"
         tried.append(Tried(one.key, one, why_not=why_not))
-    tried = [_fitted(t, found.layers[layer], fit) if t.why_not is None else t for t in tried]
-    return _chosen(found, looked, layer, tried, rival)
+    tried = [_fitted(t, found.layers[layer], fit, known) if t.why_not is None else t for t in tried]
+    return _chosen(found, looked, layer, tried, rival, known)
 
 
 def _where(looked: Screen) -> str:
@@ -175,20 +184,35 @@ def _not_worth(one: Screened, layer: Layer, level: float) -> str | None:
     return None
 
 
-def _fitted(one: Tried, layer: Layer, fit: LayerFit) -> Tried:
+def _fitted(one: Tried, layer: Layer, fit: LayerFit, known: Known) -> Tried:
     """Fit a candidate with all that is there already, from the best of its shapes."""
     shape, size = one.screened.shape, one.screened.size[0]
     start = {**(shape.at if shape is not None else {}), **({SIZE: size} if np.isfinite(size) else {})}
     try:
         made = layer.fitted((*fit.keys, one.key), start=fit, shapes={one.key: [start]})
-    except ValueError as error:
+    except DoesNotFit as error:
         return replace(one, why_not=str(error))
-    told = made.is_allowed()
-    return replace(one, fit=made, why_not=told.get(one.key))
+    return replace(one, fit=made, why_not=_impossible(made, one.key, layer, known))
+
+
+def _impossible(fit: LayerFit, key: str, layer: Layer, known: Known) -> str | None:
+    """Why an effect cannot be of the size that a fit gives it, None where it can."""
+    told = fit.is_allowed().get(key)
+    if told is None and key in known:
+        value, std = known[key]
+        size, unit = fit.size(key), layer.effect(key).unit
+        if abs(size - value) > CONTRADICTS * std + PRACTICAL * abs(value):
+            return f"{size:.3g} {unit}, while the sensors alone say {value:.3g} ± {1.96 * std:.1g} {unit}"
+    return told
 
 
 def _chosen(
-    found: Improvement, looked: Screen, layer: str, tried: list[Tried], rival: Screened | None
+    found: Improvement,
+    looked: Screen,
+    layer: str,
+    tried: list[Tried],
+    rival: Screened | None,
+    known: Known,
 ) -> Round:
     possible = [one for one in tried if one.fit is not None and one.why_not is None]
     if not possible:
@@ -223,6 +247,13 @@ def _chosen(
         return Round(looked, layer, undone, None, (), rival, why)
     members = (best, *(key for key in classes.members if key != best))
     fit = like if like.keys == fits[best].keys else fits[best].renoised()
+    if (told := _impossible(fit, best, found.layers[layer], known)) is not None:
+        rest = [replace(one, why_not=told, gain=None) if one.key == best else one for one in tried]
+        again = [
+            replace(one, why_not=None) if one.gain is not None and one.fit is not None else one
+            for one in rest
+        ]
+        return _chosen(found, looked, layer, again, rival, known)
     tried = [replace(one, fit=fit) if one.key == best else one for one in tried]
     why = _reason(best, members, gains)
     return Round(looked, layer, tuple(tried), best, members, rival, why)
@@ -254,7 +285,7 @@ def _rival_fit(layer: Layer, fit: LayerFit, rival: Screened | None) -> tuple[Lay
         return None
     try:
         return with_it, with_it.fitted((*fit.keys, rival.key), start=fit)
-    except ValueError:
+    except DoesNotFit:
         return None
 
 

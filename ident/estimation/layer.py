@@ -99,6 +99,10 @@ class Likelihood:
     values: Array
 
 
+class DoesNotFit(ValueError):
+    """A model with some effects cannot be fitted to the data at hand."""
+
+
 class LayerFit(Protocol):
     """A layer fitted with some effects."""
 
@@ -122,6 +126,15 @@ class LayerFit(Protocol):
 
     def estimates(self) -> dict[str, EffectEstimate]:
         """The effects with their parameters, by key."""
+        ...
+
+    @property
+    def is_far(self) -> bool:
+        """Whether it is so far from the data that scores at it say little: then all effects are fitted."""
+        ...
+
+    def size(self, key: str) -> float:
+        """Size of an effect that is in it, in the unit of the effect."""
         ...
 
     def term(self, key: str) -> tuple[float, float]:

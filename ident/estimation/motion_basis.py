@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
+from scipy.signal import savgol_filter
 
 from ident.estimation.vehicle_point import VehiclePoint
 from ident.estimation.vehicle_problem import Probe
@@ -26,6 +27,7 @@ OF_FORCES = (
     "a|a|", "x", "y",
 )  # fmt: skip
 OF_SIGNALS = ("t", "u", "|u|", "u|u|", "sgn(du/dt)", "v", "v u", "cos(heading)", "sin(heading)", "y", "y|y|")
+SPAN, CUBIC = 0.3, 3  # [s], order: how the steering angle is smoothed
 STEP_TIMES = 12  # at which something may have changed, over all runs
 SMOOTH = 0.1  # [s] of the steering rate whose sign counts
 STILL = 0.005  # [rad/s] steering rate below which its sign fades
@@ -50,11 +52,21 @@ class Trajectory:
 
 
 def trajectory_of(point: VehiclePoint) -> Trajectory:
-    """Simulate the fitted model."""
+    """Simulate the fitted model with a smoothed steering angle.
+
+    The noise of the measured angle is in the residuals, too: directions that held it would meet it there.
+    """
     problem, windows = point.problem, point.problem.windows
-    states, outputs = problem.simulate(point.shared, point.of_runs, point.local)
     inputs, _ = problem.driven(point.shared)
+    inputs[:, 0] = _smoothed(inputs[:, 0], windows.offsets, windows.steps)
     engine = problem.engine
+    states, outputs = engine.simulate(
+        np.ascontiguousarray(point.local[:, : problem.states]),
+        inputs,
+        windows.steps,
+        windows.offsets,
+        problem.parameters(point.shared, point.of_runs),
+    )
     values = dict(zip(engine.inputs, inputs.T, strict=True))
     values |= dict(zip(engine.outputs, outputs.T, strict=True))
     values |= {f"state.{name}": column for name, column in zip(engine.states, states.T, strict=True)}
@@ -63,6 +75,16 @@ def trajectory_of(point: VehiclePoint) -> Trajectory:
     }
     run = np.repeat(windows.run, np.diff(windows.offsets))
     return Trajectory(values, windows.offsets, windows.times, run)
+
+
+def _smoothed(values: Array, offsets: NDArray[np.intp], steps: Array) -> Array:
+    """Local cubics over ``SPAN`` seconds, window by window: what moves faster is no steering."""
+    made = values.copy()
+    for begin, end in zip(offsets[:-1].tolist(), offsets[1:].tolist(), strict=True):
+        count = 2 * round(SPAN / steps[begin] / 2) + 1
+        if CUBIC < count <= end - begin:
+            made[begin:end] = savgol_filter(values[begin:end], count, CUBIC)
+    return made
 
 
 def basis(path: Trajectory) -> dict[str, Array]:

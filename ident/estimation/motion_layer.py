@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 
 from ident.dynamics.bicycle import bicycle
 from ident.dynamics.effects import ROAD_BANK, STEERING_OFFSET
-from ident.dynamics.effects.catalogue import CATALOGUE
 from ident.dynamics.effects.load_transfer import HEIGHT
 from ident.dynamics.effects.probes import PROBES
 from ident.dynamics.effects.tyre_relaxation import LENGTH, shortest_length
 from ident.dynamics.engine import Engine, compiled
-from ident.estimation.layer import SIZE, EffectCard, HeldOut, LayerFit, LayerScores, Likelihood
+from ident.estimation.layer import SIZE, DoesNotFit, EffectCard, HeldOut, LayerFit, Likelihood
 from ident.estimation.motion_basis import pushed_by, trajectory_of
 from ident.estimation.motion_effects import (
     LEAD,
@@ -30,10 +29,9 @@ from ident.estimation.motion_effects import (
     card_of,
     motion_effects,
     testable,
-    told_as,
 )
+from ident.estimation.motion_fit import MotionFit, motion_fit, motion_fit_or_none
 from ident.estimation.motion_scores import Projection
-from ident.estimation.motion_screen import MotionDirections, motion_directions
 from ident.estimation.motion_starts import (
     begun_states,
     initial_states,
@@ -43,17 +41,12 @@ from ident.estimation.motion_starts import (
 )
 from ident.estimation.tyre_fit import BANK, SENSOR_BIAS, WINDOW, Body, coordinates_of
 from ident.estimation.vehicle_fit import (
-    VehicleFit,
-    fit_vehicle,
-    identify_noise,
-    inflation,
     rough_point,
-    shift_by_run,
 )
 from ident.estimation.vehicle_point import VehiclePoint
 from ident.estimation.vehicle_problem import Around, Coordinate, RunTerm, VehicleProblem
 from ident.estimation.vehicle_records import MotionRecord, Windows, cut
-from ident.results import EffectEstimate, Estimate, Refusal
+from ident.results import Refusal
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -67,9 +60,7 @@ PARTS_ORDER = (
     "load_transfer",
     "body_roll",
 )
-NOISE_ROUNDS = 3
 MOST_STARTS = 6
-Z = 1.959964
 
 
 def engine_of(effects: Sequence[MotionEffect], kind: str = KIND) -> Engine:
@@ -158,7 +149,7 @@ class MotionLayer:
 
     def with_term(self, key: str, at: Mapping[str, float], fit: LayerFit) -> MotionLayer | None:
         """See :class:`~ident.estimation.layer.Layer`; its function is that of the motion of the fit."""
-        fit = _motion(fit)
+        fit = motion_fit(fit)
         pushed = pushed_by(key, at, trajectory_of(fit.point), fit.parameters)
         if pushed is None:
             return None
@@ -192,7 +183,7 @@ class MotionLayer:
         shapes: Mapping[str, Sequence[Mapping[str, float]]] | None = None,
     ) -> MotionFit:
         """See :class:`~ident.estimation.layer.Layer`."""
-        problem, start = self.problem(keys), _of_motion(start)
+        problem, start = self.problem(keys), motion_fit_or_none(start)
         points = [self._point(problem, keys, start, one) for one in self._starts(keys, shapes or {})]
         noise = start.point.noise if start else None
         if noise is None:
@@ -200,7 +191,7 @@ class MotionLayer:
             return MotionFit(self, tuple(keys), first).renoised()
         tried = [minimised(point) for point in points if np.isfinite(point.value)]
         if not tried:
-            raise ValueError(f"the model blows up with {', '.join(keys)}")
+            raise DoesNotFit(f"the model blows up with {', '.join(keys)}")
         return MotionFit(self, tuple(keys), min(tried, key=lambda point: point.value))
 
     def _starts(
@@ -277,7 +268,7 @@ class MotionLayer:
 
     def held_out(self, fit: LayerFit, runs: Sequence[str]) -> HeldOut:
         """See :class:`~ident.estimation.layer.Layer`."""
-        layer, fit = self.of_runs(runs), _motion(fit)
+        layer, fit = self.of_runs(runs), motion_fit(fit)
         problem = layer.problem(fit.keys)
         mean = fit.point.of_runs.mean(axis=0) if fit.point.of_runs.size else np.zeros(0)
         names = [term.name for term in fit.point.problem.run_terms]
@@ -299,152 +290,3 @@ def _errors(point: VehiclePoint) -> HeldOut:
         time={name: one.samples.times for name, one in residuals.items()},
         likelihood=Likelihood(bins.bins.run, bins.bins.time, bins.likelihood()),
     )
-
-
-@dataclass(frozen=True)
-class MotionFit:
-    """See :class:`~ident.estimation.layer.LayerFit`; ``point``: the maximum likelihood, and its noise."""
-
-    layer: MotionLayer
-    keys: tuple[str, ...]
-    point: VehiclePoint
-
-    @property
-    def freedom(self) -> int:
-        """Parameters that the effects add."""
-        return sum(self.layer.effects[k].freedom if k in self.layer.effects else 1 for k in self.keys)
-
-    @property
-    def parameters(self) -> dict[str, float]:
-        """Of the model, by name."""
-        return self.point.problem.values(self.point.shared)
-
-    def renoised(self) -> MotionFit:
-        """See :class:`~ident.estimation.layer.LayerFit`."""
-        point = self.point
-        for number in range(NOISE_ROUNDS):
-            point = minimised(point)
-            noise, _ = identify_noise(point, self.layer.floor, keep_order=number > 1)
-            point = replace(point, noise=noise)
-        return MotionFit(self.layer, self.keys, minimised(point))
-
-    @cached_property
-    def projection(self) -> Projection:
-        """What the fit takes up of any direction."""
-        return Projection(self.point)
-
-    @cached_property
-    def final(self) -> VehicleFit:
-        """The fit as it is reported: least squares where something is left that is no noise."""
-        return fit_vehicle(self.point.problem, [self.point.shared], floor=self.layer.floor)
-
-    def scores(self) -> LayerScores:
-        """See :class:`~ident.estimation.layer.LayerFit`."""
-        return self.directions().scores()
-
-    def directions(self) -> MotionDirections:
-        """What is looked for at this fit; of use for other measurements of the same runs, too."""
-        candidates = [one for key, one in self.layer.effects.items() if key not in self.keys]
-        return motion_directions(self.point, self.projection, candidates, self.layer.body)
-
-    def likelihood(self, like: LayerFit | None = None) -> Likelihood:
-        """See :class:`~ident.estimation.layer.LayerFit`."""
-        projection, like = self.projection, _of_motion(like)
-        if like is not None and like.point.noise is not self.point.noise:
-            point = minimised(replace(self.point, noise=like.point.noise))
-            projection = Projection(point)
-        return Likelihood(projection.bins.run, projection.bins.time, projection.likelihood())
-
-    def rms(self) -> dict[str, float]:
-        """See :class:`~ident.estimation.layer.LayerFit`."""
-        return {n: float(np.sqrt(np.mean(one.residual**2))) for n, one in self.point.residuals.items()}
-
-    def noise(self) -> dict[str, float]:
-        """See :class:`~ident.estimation.layer.LayerFit`."""
-        return {name: one.total_std for name, one in self.point.noise.items()}
-
-    def estimates(self) -> dict[str, EffectEstimate]:
-        """See :class:`~ident.estimation.layer.LayerFit`."""
-        return {
-            key: self._estimate(self.layer.effects[key]) for key in self.keys if key in self.layer.effects
-        }
-
-    def term(self, key: str) -> tuple[float, float]:
-        """See :class:`~ident.estimation.layer.LayerFit`."""
-        fit = self.final
-        index = [one.name for one in fit.point.problem.coordinates].index(key)
-        return float(fit.shared[index]), float(np.sqrt(fit.covariance[index, index]))
-
-    def _estimate(self, effect: MotionEffect) -> EffectEstimate:
-        fit = self.final
-        names = [one.name for one in fit.point.problem.coordinates]
-        made = {}
-        for name, parameter in effect.sizes.items():
-            short = told_as(effect, parameter.name)
-            if name in names:
-                index = names.index(name)
-                made[short] = _of_coordinate(
-                    fit.point.problem.coordinates[index],
-                    float(fit.shared[index]),
-                    float(np.sqrt(fit.covariance[index, index])),
-                    parameter.unit,
-                )
-            else:
-                value, std = self._mean_of_runs(fit, name)
-                made[short] = Estimate(value, std, value - Z * std, value + Z * std, parameter.unit)
-        return EffectEstimate(effect.name, CATALOGUE[effect.name].enters, made, effect.of)
-
-    def _mean_of_runs(self, fit: VehicleFit, term: str) -> tuple[float, float]:
-        values, std = self._of_runs(fit, term)
-        weight = 1 / std**2
-        return float(values @ weight / weight.sum()), float(1 / np.sqrt(weight.sum()))
-
-    def _of_runs(self, fit: VehicleFit, term: str) -> tuple[Array, Array]:
-        number = [one.name for one in fit.point.problem.run_terms].index(term)
-        spread = [run.own_covariance(fit.covariance)[number, number] for run in fit.point.by_run]
-        return fit.point.of_runs[:, number], np.sqrt(np.array(spread) * inflation(fit))
-
-    def sizes_by_run(self, key: str) -> tuple[Array, Array]:
-        """See :class:`~ident.estimation.layer.LayerFit`."""
-        effect, fit = self.layer.effects[key], self.final
-        size = next(iter(effect.sizes))
-        if effect.run_terms:
-            return self._of_runs(fit, size)
-        index = [one.name for one in fit.point.problem.coordinates].index(size)
-        shift, std = shift_by_run(fit, index)
-        coordinate, at = fit.point.problem.coordinates[index], float(fit.shared[index])
-        return coordinate.value(at) + coordinate.slope(at) * shift, coordinate.slope(at) * std
-
-    def is_allowed(self) -> dict[str, str]:
-        """See :class:`~ident.estimation.layer.LayerFit`."""
-        coordinates = {
-            one.name: (one, at)
-            for one, at in zip(self.point.problem.coordinates, self.point.shared, strict=True)
-        }
-        told = {}
-        for key in (k for k in self.keys if k in self.layer.effects):
-            for name in self.layer.effects[key].sizes:
-                if name not in coordinates:
-                    continue
-                one, at = coordinates[name]
-                if not one.low < at < one.high and name == next(iter(self.layer.effects[key].sizes)):
-                    told[key] = (
-                        f"{name.rpartition('.')[2]} runs to {one.value(at):.3g}, the end of what is possible"
-                    )
-        return told
-
-
-def _motion(fit: LayerFit) -> MotionFit:
-    if not isinstance(fit, MotionFit):
-        raise TypeError("a fit of another layer")
-    return fit
-
-
-def _of_motion(fit: LayerFit | None) -> MotionFit | None:
-    return None if fit is None else _motion(fit)
-
-
-def _of_coordinate(one: Coordinate, at: float, std: float, unit: str) -> Estimate:
-    value = one.value(at)
-    ends = [one.value(at - Z * std), one.value(at + Z * std)]
-    return Estimate(value, std * one.slope(at), ends[0], ends[1], unit)

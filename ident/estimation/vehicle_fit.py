@@ -153,6 +153,16 @@ def fit_vehicle(
     return _least_squares(fit, floor or {}) if fit.is_coloured and noise is None else fit
 
 
+def reported_fit(point: VehiclePoint, floor: Mapping[str, float]) -> VehicleFit:
+    """The fit at a point that is its maximum likelihood already, with its covariance.
+
+    Least squares goes on from there where something is left that is no noise.
+    """
+    _, capped = identify_noise(point, floor, keep_order=True)
+    fit = _fit(point, capped, converged=True)
+    return _least_squares(fit, floor) if fit.is_coloured else fit
+
+
 def _least_squares(fit: VehicleFit, floor: Mapping[str, float]) -> VehicleFit:
     """Go on from the maximum likelihood to the least squares, weighed by the size of what is left.
 

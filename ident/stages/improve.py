@@ -35,7 +35,6 @@ from ident.stages.improve_held_out import (
     unit_of,
 )
 from ident.stages.improve_model import model_part
-from ident.stages.improve_sensors import sensor_checks
 from ident.stages.improve_settings import ImproveSettings
 from ident.stages.improve_tables import improve_table, with_regressor
 from ident.stages.improve_told import (
@@ -50,6 +49,7 @@ from ident.stages.inputs import InputSettings, load, provenance
 from ident.stages.output import Context, StageOutput
 
 NO_ERROR = ErrorComparison({}, {}, {}, "none")
+TOLD_BY_SENSORS = ("wheel_speed_scale", "sensor_bias yaw_rate", "sensor_latency yaw_rate")
 DIFFERENT = 1e-6  # p-value below which an effect is not of one size in all runs
 MILLI = ("rad", "rad/s")
 
@@ -69,7 +69,7 @@ def improve(
     loaded = load(logs, inputs, context)
     context.progress("compare the sensors", 0, 1)
     data = layer_data(loaded, inputs, settings.runs)
-    sensors = sensor_checks(data.runs)
+    sensors = data.sensors
     if not data.layers:
         return _sensors_only(loaded, context, sensors, data)
     found = improve_layers(
@@ -78,6 +78,7 @@ def improve(
         draws=settings.draws,
         seed=inputs.seed,
         effects=settings.effects,
+        known=known_sizes(sensors),
         survivors=settings.survivors,
         most_effects=settings.most_effects,
         progress=context.progress,
@@ -90,6 +91,20 @@ def improve(
     result = _result(loaded, context, data, found, parts, error, sensors, regressor, inputs.seed, term)
     tables = {"improve": table, "improve_held_out": held_out_table(parts)}
     return StageOutput(result, tables, model_part(found, data))
+
+
+def known_sizes(sensors: Sequence[SensorCheck]) -> dict[str, tuple[float, float]]:
+    """Sizes that the sensors tell by themselves, by the key of the effect."""
+    made = {}
+    for one in sensors:
+        estimate = one.estimate
+        if one.verdict != "differs" or one.effect is None or estimate.value is None or estimate.std is None:
+            continue
+        keys = [one.effect, *(f"{one.effect} {signal}" for signal in one.signals)]
+        key = next((key for key in keys if key in TOLD_BY_SENSORS), None)
+        if key is not None:
+            made[key] = (estimate.value - one.expected, estimate.std)
+    return made
 
 
 def _sensors_only(

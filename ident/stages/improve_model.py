@@ -13,7 +13,8 @@ from ident.estimation.actuator_fit import steering_model
 from ident.estimation.actuator_layer import ActuatorLayer
 from ident.estimation.actuator_layer_fit import ActuatorLayerFit
 from ident.estimation.improvement import Improvement
-from ident.estimation.motion_layer import KIND, MotionFit
+from ident.estimation.motion_fit import MotionFit
+from ident.estimation.motion_layer import KIND
 from ident.estimation.noise import AutoRegression
 from ident.estimation.tyre_fit import AXLES
 from ident.results import Estimate, SteeringModel
