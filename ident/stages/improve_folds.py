@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ident.estimation.layer import HeldOut, Layer, LayerFit
+from ident.estimation.motion_effects import LEAD
 from ident.estimation.motion_layer import MotionLayer
-from ident.estimation.vehicle_records import MotionRecord, part_of
+from ident.estimation.tyre_fit import WINDOW
+from ident.estimation.vehicle_records import MotionRecord, cut, part_of
 from ident.results import SplitBy
 
 Array = NDArray[np.float64]
@@ -25,9 +26,14 @@ FOLDS = 4
 LEAST_RUNS = 3
 BEYOND = 2.0  # times what all other runs reach: further than that they say nothing
 REACHED = 0.99  # quantile of a signal's size
-PLACES = ("heading", "position_along", "position_across")  # where a run is, not how hard it is driven
+NOT_HARD = (
+    "heading",
+    "position_along",
+    "position_across",
+    "lateral_velocity",
+)  # no measure of how hard it is driven
 BLOCK, GUARD = 20.0, 3.0  # [s]
-SHORTEST = 3.0  # [s] of a stretch within a block
+SHORTEST = 3.0  # [s] of a window
 
 
 @dataclass(frozen=True)
@@ -64,7 +70,7 @@ def reach(measured: HeldOut, runs: int) -> dict[str, Array]:
     """Signal -> (runs,) how large it gets in each run; zero where a run has none."""
     made = {}
     for signal, errors in measured.errors.items():
-        if signal in PLACES:
+        if signal in NOT_HARD:
             continue
         size, run = np.abs(errors + measured.modelled[signal]), measured.run[signal]
         own = [size[run == number] for number in range(runs)]
@@ -100,25 +106,51 @@ def _too_far(run: str, signal: str, own: float, others: float) -> str:
 def blocks(layer: MotionLayer) -> tuple[MotionLayer, dict[str, str]] | None:
     """The layer with blocks in place of its runs, and the run of each; None where there are not three."""
     records: list[MotionRecord] = []
+    places: list[tuple[int, int, int]] = []  # record, window of it and grid points of each that is kept
     of: dict[str, str] = {}
     for number, run in enumerate(layer.runs):
-        own = [record for record in layer.records if record.run == number]
-        begin, end = min(r.times[0] for r in own), max(r.times[-1] for r in own)
-        edges = np.linspace(begin, end, max(1, round((end - begin) / BLOCK)) + 1)
-        for first, last in pairwise(edges.tolist()):
-            inside = [part for r in own for part in _between(r, first + GUARD / 2, last - GUARD / 2, len(of))]
-            if inside:
-                of[f"{run} {first:.0f} to {last:.0f} s"] = run
-                records += inside
+        windows = [
+            (r, k, window)
+            for r, record in enumerate(layer.records)
+            if record.run == number
+            for k, window in enumerate(cut(record, WINDOW, LEAD))
+        ]
+        for name, own in _divided(run, windows).items():
+            kept = [(r, k, part) for r, k, part in own if part is not None]
+            records += [replace(part, run=len(of)) for _, _, part in kept]
+            places += [(r, k, part.times.size) for r, k, part in kept]
+            of |= {name: run} if kept else {}
     if len(of) < LEAST_RUNS:
         return None
-    return replace(layer, records=records, runs=list(of)), of
+    terms = {
+        key: {name: tuple((parts[r][k][:size],) for r, k, size in places) for name, parts in one.items()}
+        for key, one in layer.terms.items()
+    }
+    return replace(layer, records=records, runs=list(of), terms=terms), of
 
 
-def _between(record: MotionRecord, begin: float, end: float, run: int) -> list[MotionRecord]:
-    """The part of a record between two times, none where it is short."""
-    first = max(0, int(np.ceil((begin - record.times[0]) / record.period)))
-    last = min(record.times.size - 1, int(np.floor((end - record.times[0]) / record.period)))
-    if (last - first) * record.period < SHORTEST:
-        return []
-    return [replace(part_of(record, first, last), run=run)]
+def _divided(
+    run: str, windows: Sequence[tuple[int, int, MotionRecord]]
+) -> dict[str, list[tuple[int, int, MotionRecord | None]]]:
+    """Windows of a run by block, the last of each shortened by the guard, None where little is left of it."""
+    begin, end = windows[0][2].times[0], windows[-1][2].times[-1]
+    count = max(1, round((end - begin) / BLOCK))
+    width = (end - begin) / count
+    made: dict[str, list[tuple[int, int, MotionRecord | None]]] = {}
+    for r, k, window in windows:
+        block = min(count - 1, int((window.times.mean() - begin) / width))
+        first, last = begin + block * width, begin + (block + 1) * width
+        made.setdefault(f"{run} {first:.0f} to {last:.0f} s", []).append((r, k, window))
+    for own in made.values():
+        r, k, end_of_block = own[-1]
+        own[-1] = (r, k, _shortened(end_of_block) if end_of_block is not None else None)
+    return made
+
+
+def _shortened(window: MotionRecord) -> MotionRecord | None:
+    """A window without its last seconds, None where it is short then."""
+    ahead = round(LEAD / window.period)
+    last = window.times.size - 1 - round(GUARD / window.period)
+    if (last - ahead) * window.period < SHORTEST:
+        return None
+    return part_of(window, ahead, last, ahead)

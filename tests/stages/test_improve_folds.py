@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from motion_case import layer_of
 from numpy.typing import NDArray
 
@@ -76,14 +78,36 @@ def test_a_long_run_is_cut_into_blocks_that_lie_apart() -> None:
     assert made is not None
     layer, of = made
     assert len(layer.runs) == round(100.0 / BLOCK) == len(of)
-    assert [record.run for record in layer.records] == list(range(5))
-    ends = [(r.times[0], r.times[-1]) for r in layer.records]
-    gaps = [after[0] - before[1] for before, after in pairwise(ends)]
-    assert min(gaps) >= GUARD - 1e-9
-    for record in layer.records:
-        samples = record.measured["yaw_rate"].times
-        assert record.times[0] <= samples[0]
-        assert samples[-1] <= record.times[-1]
+    assert set(of.values()) == {"run_0"}
+    assert [record.run for record in layer.records] == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
+    for before, after in pairwise(layer.records):
+        gap = after.measured["yaw_rate"].times[0] - before.measured["yaw_rate"].times[-1]
+        assert gap == pytest.approx(0.02 if before.run == after.run else GUARD + 0.02, abs=0.021)
+
+
+def test_windows_of_blocks_are_those_of_the_run_but_for_the_guards() -> None:
+    layer = layer_of([driven(60.0), driven(47.0, run=1)])
+    made = blocks(layer)
+    assert made is not None
+    whole, apart = layer.windows.records, made[0].windows.records
+    assert len(whole) == len(apart) == len(made[0].records)
+    for one, other in zip(whole, apart, strict=True):
+        size = other.times.size
+        np.testing.assert_array_equal(other.times, one.times[:size])
+        assert size in {one.times.size, one.times.size - round(GUARD / 0.02)}
+        samples = other.measured["yaw_rate"]
+        np.testing.assert_array_equal(samples.times, one.measured["yaw_rate"].times[: samples.times.size])
+        assert samples.times[-1] <= other.times[-1]
+
+
+def test_generic_terms_go_with_their_windows() -> None:
+    layer = layer_of([driven(100.0)])
+    values = (tuple(window.times.copy() for window in layer.windows.records),)
+    made = blocks(replace(layer, terms={"yaw_moment: t": {"yaw_moment": values}}))
+    assert made is not None
+    parts = made[0].terms["yaw_moment: t"]["yaw_moment"]
+    for record, (part,) in zip(made[0].records, parts, strict=True):
+        np.testing.assert_array_equal(part, record.times)
 
 
 def test_a_short_run_has_no_blocks() -> None:
