@@ -11,7 +11,8 @@ from motion_case import TRUE, layer_of, point_at, records
 
 from ident.estimation.motion_effects import LATE, motion_effects
 from ident.estimation.motion_effects import testable as reason_against
-from ident.estimation.motion_layer import MotionFit, MotionLayer
+from ident.estimation.motion_fit import MotionFit
+from ident.estimation.motion_layer import MotionLayer
 from ident.estimation.motion_starts import settled
 from ident.estimation.vehicle_point import VehiclePoint
 from ident.estimation.vehicle_problem import Probe
