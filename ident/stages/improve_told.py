@@ -104,9 +104,6 @@ def _one_step(card: EffectCard, screened: Screened) -> dict[str, Estimate]:
     value, std = screened.size
     if not (np.isfinite(value) and np.isfinite(std)):
         return {}
-    held = {name.rpartition(".")[2]: at for name, at in (screened.shape.at if screened.shape else {}).items()}
-    if card.size in held:
-        value *= held[card.size] if abs(value) < 50 and "width" not in card.size else 1.0
     return {card.size: Estimate(value, std, value - Z * std, value + Z * std, card.unit)}
 
 
