@@ -20,13 +20,15 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent / "sample_logs")]
 
-from generator.effects import campaign, drive_campaign, measured, noise_floor  # noqa: E402
+from generator.effects import Drive, campaign, drive_campaign, measured, noise_floor  # noqa: E402
 from generator.injected import OUTSIDE, TYPICAL, Injected, typical  # noqa: E402
 from generator.motion_sets import MotionSet  # noqa: E402
 from generator.truth import Truth  # noqa: E402
 from truck_runs import run_of, vehicle_of  # noqa: E402
 
 from ident.estimation.actuator_runs import RunRecords  # noqa: E402
+from ident.estimation.motion_layer import KIND, MotionLayer  # noqa: E402
+from ident.estimation.tyre_start import tyre_starts  # noqa: E402
 from ident.experiments.steering_data import steering_run  # noqa: E402
 from ident.experiments.stretches import jitter_of  # noqa: E402
 from ident.signals.signal import LoadedLogs  # noqa: E402
@@ -37,7 +39,9 @@ from ident.stages.tyre_data import TyreData, tyre_data  # noqa: E402
 __all__ = [
     "OUTSIDE",
     "TYPICAL",
+    "Drive",
     "Injected",
+    "Truth",
     "actuator_runs",
     "campaign",
     "drive_campaign",
@@ -45,6 +49,7 @@ __all__ = [
     "loaded_runs",
     "measured",
     "motion_data",
+    "motion_layer",
     "noise_floor",
     "true_parameters",
     "typical",
@@ -87,6 +92,14 @@ def motion_data(runs: Mapping[str, MotionSet], truth: Truth, *, least_speed: flo
     least_speed : below which nothing is used [m/s]
     """
     return tyre_data(loaded_runs(runs, truth), AlignSettings(), None, least_speed)
+
+
+def motion_layer(data: TyreData, start: Mapping[str, float] | None = None) -> MotionLayer:
+    """Return the motion layer of these data, as the command begins it unless ``start`` says where else."""
+    vehicle = data.vehicle
+    tall = vehicle.cg_height / vehicle.track if vehicle.cg_height and vehicle.track else None
+    begin = tyre_starts(KIND, data.records, data.body)[0] if start is None else start
+    return MotionLayer(data.records, [run.name for run in data.runs], data.body, begin, data.floor, tall)
 
 
 def actuator_runs(runs: Mapping[str, MotionSet], truth: Truth) -> list[RunRecords]:
