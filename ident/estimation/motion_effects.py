@@ -213,7 +213,7 @@ def card_of(effect: MotionEffect) -> EffectCard:
         name=effect.name,
         enters=entry.enters,
         of=effect.of,
-        size=entry.parameters[0].name,
+        size=told_as(effect, size.name),
         unit=size.unit,
         typical=abs(size.typical),
         equation=entry.equation,

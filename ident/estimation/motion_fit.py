@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 
 NOISE_ROUNDS = 4
 SAME_NOISE = 0.005
+OTHER_NOISE = 0.2  # change beyond which the colour is identified anew: it was that of what was missing
 Z = 1.959964
 
 
@@ -66,9 +67,10 @@ class MotionFit:
         for number in range(NOISE_ROUNDS):
             point = minimised(point)
             noise, _ = identify_noise(point, self.layer.floor, keep_order=known or number > 1)
-            settled = all(abs(noise[n].std / point.noise[n].std - 1) < SAME_NOISE for n in noise)
+            changed = max(abs(noise[n].std / point.noise[n].std - 1) for n in noise)
+            known = known and changed < OTHER_NOISE
             point = replace(point, noise=noise)
-            if settled:
+            if changed < SAME_NOISE:
                 break
         return MotionFit(self.layer, self.keys, minimised(point))
 
