@@ -127,7 +127,7 @@ class ActuatorLayer:
         """See :class:`~ident.estimation.layer.Layer`."""
         if not keys:
             return self._base
-        given = start if isinstance(start, ActuatorLayerFit) else None
+        given = start if isinstance(start, ActuatorLayerFit) and start.keys else None
         problem = self._problem(keys)
         begun = self._begun(keys, given, shapes or {})
         sizes = [begun.sizes[key] for key in keys]
@@ -188,7 +188,8 @@ class ActuatorLayer:
         guessed = effect.sizes(self._base.excitation)
         some = [guessed[i] for i in np.linspace(0, len(guessed) - 1, GUESSES).astype(int)]
         nothing = effect.size.high if effect.place == "rate" else effect.size.low
-        tried = [shape[effect.size.name] for shape in shapes.get(key, ())] or some
+        tried = [shape[effect.size.name] for shape in shapes.get(key, ()) if effect.size.name in shape]
+        tried = [*tried, *some] if self._base.is_far or not tried else tried
         return [self.scale * nothing, *tried]
 
     @property

@@ -76,7 +76,7 @@ class Improvement:
 
     base, fits : layer -> fit without effects, and with all that were added
     rounds : in order; the gate of the last one is that of the final fits
-    added : (layer, key) in order
+    added : (layer, key) in order; dropped : keys that were taken back, since they did not hold
     """
 
     layers: Mapping[str, Layer]
@@ -84,6 +84,23 @@ class Improvement:
     fits: dict[str, LayerFit]
     rounds: list[Round] = field(default_factory=list)
     added: list[tuple[str, str]] = field(default_factory=list)
+    dropped: list[str] = field(default_factory=list)
+
+    def shorter(self, layer: str, fit: LayerFit) -> LayerFit:
+        """A fit of a layer without the last of its effects."""
+        kept = fit.keys[:-1]
+        return self.layers[layer].fitted(kept, start=self.base[layer]) if kept else self.base[layer]
+
+    def with_fit(self, layer: str, fit: LayerFit) -> Improvement:
+        """The same with another fit of a layer."""
+        return replace(self, fits={**self.fits, layer: fit})
+
+    def take_back(self, layer: str, fit: LayerFit) -> None:
+        """Go on with a fit that has fewer effects."""
+        gone = [key for key in self.fits[layer].keys if key not in fit.keys]
+        self.fits[layer] = fit
+        self.added = [one for one in self.added if one[0] != layer or one[1] not in gone]
+        self.dropped += gone
 
     @property
     def passes(self) -> bool:
@@ -154,7 +171,7 @@ def _round(
     layer = _where(looked)
     fit = found.fits[layer]
     own = [one for one in looked.groups if one.layer == layer and one.untestable is None]
-    rival = _rival(own, next(one.scores for one in looked.layers if one.scores.layer == layer))
+    rival = _rival(own, next(one.scores for one in looked.layers if one.scores.layer == layer), looked.level)
     candidates = [one for one in own if one.effect is not None and (effects is None or one.effect in effects)]
     candidates.sort(key=lambda one: -one.statistic)
     tried: list[Tried] = []
@@ -240,7 +257,7 @@ def _chosen(
     tried.sort(key=lambda one: (one.gain is None, -(one.gain or 0.0), -one.screened.statistic))
     threshold = float(chi2.isf(looked.level, max(1, freedom[best] - found.fits[layer].freedom)))
     if gains[best] < threshold:
-        why = f"{best} does not gain what its score promised ({gains[best]:.1f})"
+        why = f"no effect of the catalogue explains it: the nearest, {best}, gains {gains[best]:.1f}"
         undone = tuple(
             replace(one, why_not=one.why_not or "it gains nothing fitted in full") for one in tried
         )
@@ -267,12 +284,19 @@ def _unnamed(looked: Screen, layer: str, tried: Sequence[Tried], rival: Screened
     return Round(looked, layer, undone, None, (), rival, why)
 
 
-def _rival(own: Sequence[Screened], scores: LayerScores) -> Screened | None:
-    """The generic term whose one step would gain most likelihood, in an equation and not in a sensor."""
+def _rival(own: Sequence[Screened], scores: LayerScores, level: float) -> Screened | None:
+    """The generic term whose one step would gain most likelihood, in an equation and not in a sensor.
+
+    Of those that stand out by themselves.
+    """
     columns = {g.key: [s.columns[0] for s in g.shapes] for g in scores.groups if g.effect is None}
     total, length = scores.scores.sum(axis=0), np.diag(scores.gram)
     power = np.where(length > 0, total**2 / np.maximum(length, 1e-300), 0.0)
-    generic = [one for one in own if one.key in columns and one.key.partition(": ")[0] not in scores.signals]
+    generic = [
+        one
+        for one in own
+        if one.key in columns and one.key.partition(": ")[0] not in scores.signals and one.p_value <= level
+    ]
     return max(generic, key=lambda one: power[columns[one.key]].max(), default=None)
 
 
@@ -321,7 +345,8 @@ def with_term(found: Improvement) -> tuple[str, Screened] | None:
     if layer is None:
         return None
     own = [one for one in gate.groups if one.layer == layer and one.untestable is None]
-    rival = _rival(own, next(one.scores for one in gate.layers if one.scores.layer == layer))
+    scores = next(one.scores for one in gate.layers if one.scores.layer == layer)
+    rival = _rival(own, scores, gate.level)
     made = _rival_fit(found.layers[layer], found.fits[layer], rival)
     if rival is None or made is None:
         return None

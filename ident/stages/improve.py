@@ -28,10 +28,10 @@ from ident.signals.run import LoadedLogs
 from ident.stages.improve_data import NOT_NAMED, LayerData, layer_data
 from ident.stages.improve_held_out import (
     Compared,
-    compared,
     confirmation,
     error_comparison,
     held_out_table,
+    held_up,
     unit_of,
 )
 from ident.stages.improve_model import model_part
@@ -85,9 +85,11 @@ def improve(
     )
     verdict = verdict_of(found)
     term = with_term(found) if verdict[0] == "unexplained" else None
-    parts = [compared(found, name, settings.folds, context.progress) for name in found.layers]
+    parts = [held_up(found, name, settings.folds, context.progress) for name in found.layers]
     error = error_comparison(parts, inputs.seed)
     table, regressor = with_regressor(improve_table(found, loaded), error, [key for _, key in found.added])
+    if term is not None and term[1].key not in found.fits[term[0]].keys:
+        term = None  # it did not hold on data that took no part
     result = _result(loaded, context, data, found, parts, error, sensors, regressor, inputs.seed, term)
     tables = {"improve": table, "improve_held_out": held_out_table(parts)}
     return StageOutput(result, tables, model_part(found, data))
@@ -161,6 +163,8 @@ def _result(
     gate = found.rounds[-1].screen
     effects = found_effects(found, parts)
     verdict, why = verdict_of(found)
+    if found.dropped:
+        verdict, why = "unexplained", f"{', '.join(found.dropped)} did not hold on data that took no part"
     steps = [step_of(one, found.layers) for one in found.rounds]
     confirmed = confirmation(parts, seed) if found.added or term else None
     missing = {name: _why(data, name) for name in ("actuator", "motion") if name not in found.layers}
@@ -183,7 +187,7 @@ def _result(
         not_testable=not_testable(found, gate, missing),
         runs=[run.health for run in loaded.runs],
         refused=[*data.refused, *loaded.unreadable],
-        warnings=[*loaded.warnings, *data.warnings, *_unlike(effects)],
+        warnings=[*loaded.warnings, *data.warnings, *_unlike(effects), *_left_in(parts)],
         regressor=regressor,
     )
 
@@ -207,6 +211,11 @@ def _base(found: Improvement) -> str:
         "motion": "planar bicycle with Magic Formula axles, no offset, bias or bank",
     }
     return "; ".join(told[name] for name in found.layers)
+
+
+def _left_in(parts: Sequence[Compared]) -> list[str]:
+    """Why some runs are in every fit."""
+    return [why for part in parts for why in part.left_in.values()]
 
 
 def _unlike(effects: Sequence[FoundEffect]) -> list[str]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ident.estimation.before_after import gain_interval, rms_range
 from ident.estimation.improvement import Improvement
 from ident.estimation.layer import BIN, HeldOut, Layer, LayerFit, Likelihood
-from ident.estimation.motion_layer import MotionFit
+from ident.estimation.motion_fit import MotionFit
 from ident.glossary import SIGNALS
 from ident.results import Confirmation, ErrorComparison, ErrorRange, Estimate, SplitBy
 from ident.stages.improve_folds import Folds, folds_of
@@ -50,6 +50,44 @@ class Compared:
 def unit_of(signal: str) -> str:
     """Unit of a compared signal."""
     return SIGNALS["position_x"].unit if signal.startswith("position") else SIGNALS[signal].unit
+
+
+def held_up(found: Improvement, name: str, folds: int | None, progress: Progress) -> Compared:
+    """As ``compared``, after what does not hold on other data is taken back, last first.
+
+    Where the errors are larger on the whole, the best of the shorter sequences is kept, by how much the error
+    of a run falls on average; nothing is kept under which that rises.
+    """
+    made = compared(found, name, folds, progress)
+    tried = [(found.fits[name], made)]
+    while tried[-1][0].keys and tried[-1][1].held_out and gain_of(tried[-1][1]) <= 0:
+        fit = found.shorter(name, tried[-1][0])
+        tried.append((fit, compared(found.with_fit(name, fit), name, folds, progress)))
+    fit, made = max(tried, key=lambda one: fall_of(one[1]) if one[0].keys else 0.0)
+    found.take_back(name, fit)
+    return made
+
+
+def gain_of(part: Compared) -> float:
+    """Mean log likelihood a sample that the improved model gains, each signal weighed by its noise."""
+    gained, count = 0.0, 0
+    for signal, rows in part.rows.items():
+        before, after = ((rows[:, 2] - rows[:, k]) ** 2 for k in (3, 4))
+        gained += float(np.sum(before - after)) / (2 * part.noise[signal] ** 2)
+        count += len(rows)
+    return gained / max(count, 1)
+
+
+def fall_of(part: Compared) -> float:
+    """Mean over the runs of the logarithm of error before over error after, all signals over their noise."""
+    sums = np.zeros((len(part.runs), 2))
+    for signal, rows in part.rows.items():
+        run = rows[:, 0].astype(np.intp)
+        for way, column in enumerate((3, 4)):
+            error = ((rows[:, 2] - rows[:, column]) / part.noise[signal]) ** 2
+            sums[:, way] += np.bincount(run, error, len(part.runs))
+    told = (sums > 0).all(axis=1)
+    return float(np.mean(np.log(sums[told, 0] / sums[told, 1])) / 2) if told.any() else 0.0
 
 
 def compared(found: Improvement, name: str, folds: int | None, progress: Progress) -> Compared:
