@@ -170,8 +170,26 @@ def test_an_effect_that_gains_nothing_fitted_in_full_is_not_added() -> None:
     found = improved(replace(layer, generic={}), effects=["e3"])
     assert found.added == []
     assert not found.passes
-    assert "e3 does not gain what its score promised" in found.rounds[0].why
+    assert "no effect of the catalogue explains it: the nearest, e3, gains -" in found.rounds[0].why
     assert tried(found, "e3").why_not is not None
+
+
+def test_an_effect_that_does_not_hold_is_taken_back_and_the_rest_stays() -> None:
+    found = improved(made_layer({"e2": 0.2, "e5": -0.4}, 1))
+    whole = found.fits["motion"]
+    shorter = found.shorter("motion", whole)
+    assert shorter.keys == ("e5",)
+    assert shorter.size("e5") == pytest.approx(-0.4, abs=0.08)
+    tried_with = found.with_fit("motion", shorter)
+    assert tried_with.fits["motion"] is shorter
+    assert found.fits["motion"] is whole
+    found.take_back("motion", shorter)
+    assert found.fits["motion"] is shorter
+    assert found.added == [("motion", "e5")]
+    assert found.dropped == ["e2"]
+    found.take_back("motion", found.shorter("motion", shorter))
+    assert found.fits["motion"] is found.base["motion"]
+    assert (found.added, found.dropped) == ([], ["e2", "e5"])
 
 
 def test_what_the_sensors_alone_say_of_a_size_stands_against_a_fit() -> None:
