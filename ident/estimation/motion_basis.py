@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import savgol_filter
 
+from ident.estimation.vehicle_inputs import Probe
 from ident.estimation.vehicle_point import VehiclePoint
-from ident.estimation.vehicle_problem import Probe
 
 Array = NDArray[np.float64]
 

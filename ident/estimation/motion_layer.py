@@ -14,6 +14,7 @@ from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import savgol_filter
 
 from ident.dynamics.bicycle import bicycle
 from ident.dynamics.effects import ROAD_BANK, STEERING_OFFSET
@@ -43,8 +44,9 @@ from ident.estimation.tyre_fit import BANK, SENSOR_BIAS, WINDOW, Body, coordinat
 from ident.estimation.vehicle_fit import (
     rough_point,
 )
+from ident.estimation.vehicle_inputs import Around
 from ident.estimation.vehicle_point import VehiclePoint
-from ident.estimation.vehicle_problem import Around, Coordinate, RunTerm, VehicleProblem
+from ident.estimation.vehicle_problem import Coordinate, RunTerm, VehicleProblem
 from ident.estimation.vehicle_records import MotionRecord, Windows, cut
 from ident.results import Refusal
 
@@ -61,12 +63,25 @@ PARTS_ORDER = (
     "body_roll",
 )
 MOST_STARTS = 6
+SPAN, CUBIC = 0.5, 3  # [s], order: how the speed is smoothed
+FARTHEST = float(np.log(3.0))  # of the logarithm of the yaw inertia: beyond, it stands in for something else
 
 
 def engine_of(effects: Sequence[MotionEffect], kind: str = KIND) -> Engine:
     """The compiled bicycle with these effects; probes stand last."""
     parts = sorted((part for one in effects for part in one.parts), key=lambda p: PARTS_ORDER.index(p.name))
     return compiled(bicycle(kind, kind, (STEERING_OFFSET, ROAD_BANK, *parts, PROBES)))
+
+
+def with_smooth_speed(record: MotionRecord) -> MotionRecord:
+    """Local cubics through the speed: no truck's speed changes faster, and its noise is felt at a crawl.
+
+    At 2 m/s it moves slip angles as much as a lag of the tyres does.
+    """
+    count = 2 * round(SPAN / record.period / 2) + 1
+    if not CUBIC < count <= record.times.size:
+        return record
+    return replace(record, speed=savgol_filter(record.speed, count, CUBIC))
 
 
 @dataclass(frozen=True)
@@ -95,7 +110,8 @@ class MotionLayer:
     @cached_property
     def windows(self) -> Windows:
         """Windows of the fit, each with room for late sensors."""
-        return Windows([part for record in self.records for part in cut(record, WINDOW, LEAD)])
+        records = [with_smooth_speed(record) for record in self.records]
+        return Windows([part for record in records for part in cut(record, WINDOW, LEAD)])
 
     @cached_property
     def effects(self) -> dict[str, MotionEffect]:
@@ -115,7 +131,7 @@ class MotionLayer:
         effects, generic = self._effects(keys), [key for key in keys if key in self.terms]
         engine = engine_of(effects)
         coordinates = [
-            one
+            self._bounded(one)
             for one in coordinates_of(KIND, self.body, reference=self._reference_open)
             if one.name != "steering_offset"
         ]
@@ -169,7 +185,9 @@ class MotionLayer:
         return used and not any(record.reference_known for record in self.records)
 
     def _bounded(self, one: Coordinate) -> Coordinate:
-        """No shorter relaxation length than the grid carries."""
+        """A yaw inertia that a vehicle may have; no shorter relaxation length than the grid carries."""
+        if one.name == "yaw_inertia":
+            return replace(one, low=one.prior_mean - FARTHEST, high=one.prior_mean + FARTHEST)
         if one.name != LENGTH.name:
             return one
         shortest = max(shortest_length(r.speed, r.period) for r in self.records)

@@ -19,8 +19,8 @@ from ident.dynamics.driver_text import UPSTREAM
 from ident.estimation.elimination import eliminate, inverse_of
 from ident.estimation.layer import BIN
 from ident.estimation.noise import Linearised
+from ident.estimation.vehicle_inputs import Probe
 from ident.estimation.vehicle_point import VehiclePoint
-from ident.estimation.vehicle_problem import Probe
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -28,8 +28,8 @@ from ident.estimation.motion_basis import (
 from ident.estimation.motion_effects import MotionEffect
 from ident.estimation.motion_scores import Directions, Projection
 from ident.estimation.tyre_fit import Body
+from ident.estimation.vehicle_inputs import Probe
 from ident.estimation.vehicle_point import VehiclePoint
-from ident.estimation.vehicle_problem import Probe
 
 Array = NDArray[np.float64]
 

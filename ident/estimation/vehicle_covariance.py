@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 
 BIN = 0.1  # [s] of the scores
 LONGEST_LAG = 3.0  # [s] of the scores' correlation
+LEAST = 1e-14  # of the largest information: rounding
 TOLD = 0.99  # of the information on a direction: it comes from the data
 
 
@@ -85,6 +86,7 @@ def _without_run_terms(point: VehiclePoint, windows: Sequence[Array]) -> list[Ar
 
 def told_directions(told: Array, information: Array) -> Array:
     """(s, k) directions of unit information, nearly all of which comes from the data."""
-    factor = np.linalg.inv(np.linalg.cholesky(information))
+    sizes, axes = np.linalg.eigh(information)
+    factor = axes.T / np.sqrt(np.maximum(sizes, LEAST * sizes.max(initial=1e-300)))[:, None]
     share, vectors = np.linalg.eigh(factor @ told @ factor.T)
     return np.asarray(factor.T @ vectors[:, share > TOLD])

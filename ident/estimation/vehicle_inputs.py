@@ -1,4 +1,4 @@
-"""What stands between the measured steering angle and the road wheels: signal blocks before the model.
+"""What stands around the model: signal blocks before it, late sensors behind it, probes of its inputs.
 
 A block has one coordinate of the fit. It acts on whole stretches of driving, not on windows: whether the play
 of a linkage is used up does not begin anew where a window does.
@@ -6,8 +6,8 @@ of a linkage is used up does not begin anew where a window does.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -69,6 +69,42 @@ class LateAngle:
         out, to_delay = delayed(times, angle, -value, times)
         before = [delayed(times, np.ascontiguousarray(one), -value, times)[0] for one in given.T]
         return out, np.array(before).reshape(given.shape[1], -1).T, -to_delay
+
+
+@dataclass(frozen=True)
+class Around:
+    """What stands around the model: blocks before it, sensors that read late behind it.
+
+    blocks : before the model, in order, each with a coordinate of its name
+    late : measured signal -> name of the coordinate that holds its delay [s]
+    pushes : coordinate -> input of the model -> (N,) what is added to it, times the coordinate's value
+    """
+
+    blocks: tuple[InputBlock, ...] = ()
+    late: Mapping[str, str] = field(default_factory=dict)
+    pushes: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Coordinates that the model itself does not know."""
+        return tuple(
+            dict.fromkeys([*(block.name for block in self.blocks), *self.late.values(), *self.pushes])
+        )
+
+
+NOTHING_AROUND = Around()
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A small disturbance, to see what it does to the measured signals at first order.
+
+    inputs : input of the model -> (N,) what is added on the grid of all windows
+    signals : measured signal -> (n,) what is added at its samples
+    """
+
+    inputs: Mapping[str, Array] = field(default_factory=dict)
+    signals: Mapping[str, Array] = field(default_factory=dict)
 
 
 def through_blocks(

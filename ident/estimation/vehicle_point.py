@@ -15,6 +15,8 @@ from ident.estimation.vehicle_problem import Residuals, VehicleProblem
 
 Array = NDArray[np.float64]
 
+LOCAL_PARTS = (0.25, 0.05, 0.0)  # of a step of initial states, where the whole is too much
+
 
 @dataclass(frozen=True)
 class VehiclePoint:
@@ -90,7 +92,30 @@ class VehiclePoint:
         return triangle_of(rows)
 
     def moved(self, step: Array) -> VehiclePoint:
-        """See :class:`~ident.estimation.gauss_newton.Point`."""
+        """See :class:`~ident.estimation.gauss_newton.Point`.
+
+        Near the peak of a tyre a whole step of an initial state leads far past its best value. Where the
+        whole makes things worse, each window takes that part of its own step that serves it best.
+        """
+        whole = self.wholly_moved(step)
+        if whole.value <= self.value:
+            return whole
+        asked = whole.local - self.local
+        tried = [whole, *(replace(whole, local=self.local + part * asked) for part in LOCAL_PARTS)]
+        best = np.argmin([point.window_sums for point in tried], axis=0)
+        return replace(whole, local=np.array([tried[k].local[n] for n, k in enumerate(best)]))
+
+    @property
+    def window_sums(self) -> Array:
+        """(w,) whitened sum of squares of each window; infinite where the model has blown up."""
+        made = np.square(self._from_start / self.problem.initial_std).sum(axis=1)
+        for name, white in self.white.items():
+            window = self.residuals[name].samples.window
+            made = made + np.bincount(window, weights=white[:, -1] ** 2, minlength=made.size)
+        return np.asarray(np.nan_to_num(made, nan=np.inf))
+
+    def wholly_moved(self, step: Array) -> VehiclePoint:
+        """Where a step leads with all that was eliminated following it as if it were linear."""
         of_runs = np.array([run.step(step) for run in self.by_run]).reshape(self.of_runs.shape)
         of_windows = [
             window.step(np.concatenate([of_runs[run], step]))

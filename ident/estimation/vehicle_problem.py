@@ -14,7 +14,7 @@ and turned as a whole (:mod:`ident.estimation.path_parts`).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ident.dynamics.engine import Engine
 from ident.errors import NotIdentifiable
 from ident.estimation.path_parts import direction_of_travel, moved_and_turned
-from ident.estimation.vehicle_inputs import InputBlock, through_blocks
+from ident.estimation.vehicle_inputs import NOTHING_AROUND, Around, Probe, through_blocks
 from ident.estimation.vehicle_records import SignalSamples, Windows
 
 Array = NDArray[np.float64]
@@ -87,42 +87,6 @@ class RunTerm:
     prior_std: float
     only: frozenset[int] | None = None
     by_speed_to: str | None = None
-
-
-@dataclass(frozen=True)
-class Around:
-    """What stands around the model: blocks before it, sensors that read late behind it.
-
-    blocks : before the model, in order, each with a coordinate of its name
-    late : measured signal -> name of the coordinate that holds its delay [s]
-    pushes : coordinate -> input of the model -> (N,) what is added to it, times the coordinate's value
-    """
-
-    blocks: tuple[InputBlock, ...] = ()
-    late: Mapping[str, str] = field(default_factory=dict)
-    pushes: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Coordinates that the model itself does not know."""
-        return tuple(
-            dict.fromkeys([*(block.name for block in self.blocks), *self.late.values(), *self.pushes])
-        )
-
-
-NOTHING_AROUND = Around()
-
-
-@dataclass(frozen=True)
-class Probe:
-    """A small disturbance, to see what it does to the measured signals at first order.
-
-    inputs : input of the model -> (N,) what is added on the grid of all windows
-    signals : measured signal -> (n,) what is added at its samples
-    """
-
-    inputs: Mapping[str, Array] = field(default_factory=dict)
-    signals: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -117,13 +117,15 @@ def _sensors_only(
         reasons = "; ".join(f"{one.what}: {one.reason}" for one in data.refused if one.reason != NOT_NAMED)
         raise NotIdentifiable(f"nothing to improve: {reasons}")
     differ = [one.name for one in sensors if one.verdict == "differs"]
-    told = f"only the sensors could be compared: {len(differ)} of {len(sensors)} comparisons differ"
+    told = (
+        f"no model could be looked at, only the sensors: {len(differ)} of {len(sensors)} comparisons differ"
+    )
     missing = {name: _why(data, name) for name in ("actuator", "motion")}
     nothing = Improvement({}, {}, {})
     result = ImproveResult(
         schema_version=SCHEMA_VERSION,
         provenance=provenance(context, loaded),
-        verdict="unexplained" if differ else "adequate",
+        verdict="unexplained",
         told=told,
         base="no model: sensors against each other",
         layers=[],

@@ -14,8 +14,8 @@ from ident.estimation.motion_effects import testable as reason_against
 from ident.estimation.motion_fit import MotionFit
 from ident.estimation.motion_layer import MotionLayer
 from ident.estimation.motion_starts import settled
+from ident.estimation.vehicle_inputs import Probe
 from ident.estimation.vehicle_point import VehiclePoint
-from ident.estimation.vehicle_problem import Probe
 
 DELAY = 0.0337  # [s] no multiple of the grid
 SIZES = {  # coordinate -> value at which derivatives are looked at

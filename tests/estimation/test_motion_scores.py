@@ -11,8 +11,9 @@ from motion_case import COLOUR, TRUE, layer_of, point_at, records
 
 from ident.estimation.layer import BIN
 from ident.estimation.motion_scores import Projection, add_to_bins
+from ident.estimation.vehicle_inputs import Probe
 from ident.estimation.vehicle_point import VehiclePoint
-from ident.estimation.vehicle_problem import Probe, RunTerm
+from ident.estimation.vehicle_problem import RunTerm
 
 TIGHT = 5e-5  # [rad] of the prior of the heading: about as much as a window tells of it
 KEYS = ("sensor_bias yaw_rate", "road_bank", "sensor_latency yaw_rate")

@@ -206,7 +206,7 @@ def test_elimination_gives_the_step_and_the_covariance_of_one_large_least_square
     size = point.shared.size
     triangle = point.triangle()
     step = np.linalg.solve(triangle[:size, :size], triangle[:size, -1])
-    moved = point.moved(step)
+    moved = point.wholly_moved(step)
     at = np.cumsum([0, problem.local * len(problem.windows.records), problem.run_std.size * 2])
     inverse = np.linalg.inv((rows / scale).T @ (rows / scale)) / np.outer(scale, scale)
     std = np.sqrt(np.diag(inverse))
