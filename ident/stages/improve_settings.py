@@ -6,7 +6,6 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from ident.stages.inputs import quantity
 from ident.yaml_file import nearest
 
 CATALOGUE: dict[str, tuple[str, ...]] = {
@@ -52,11 +51,10 @@ class ImproveSettings(BaseModel):
     runs : globs of the runs to be used, all unless said
     effects : of the catalogue, that are tried; all that are built unless said
     level : of all tests of one step together, the chance of a false alarm
-    draws : of the bootstrap behind each p-value, which cannot be below 1/(draws + 1)
-    block : what is drawn as one [s]
+    draws : of the joint distribution behind the p-values
     most_effects : added one after another
     survivors : of the screen, that are fitted in full at each step
-    folds : at most so many groups of runs are held out in turn; unless said each run is one
+    folds : at most so many groups of runs are held out in turn, four unless said
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -65,8 +63,7 @@ class ImproveSettings(BaseModel):
     effects: Annotated[list[str] | None, AfterValidator(_known), Field(min_length=1)] = None
     level: Annotated[float, Field(gt=0, lt=1)] = 0.05
     draws: Annotated[int, Field(ge=199)] = 1999
-    block: Annotated[float, quantity("s", positive=True)] = 2.0
-    most_effects: Annotated[int, Field(ge=1)] = 4
+    most_effects: Annotated[int, Field(ge=1)] = 6
     survivors: Annotated[int, Field(ge=1)] = 5
     folds: Annotated[int, Field(ge=2)] | None = None
 

@@ -86,7 +86,6 @@ def test_the_inputs_are_those_of_the_recipe(folder: Path) -> None:
             "improve: {level: 0.001, draws: 500}",
             "improve: level 0.001 with 500 draws: no p-value can be below 1/501, need draws: 1000 or more",
         ),
-        ("improve: {block: 0 s}", "improve.block: '0 s' is not positive"),
         ("seed: one", "seed: input should be a valid integer"),
         ("steering: 5", "steering: input should be"),
         ("channels: 5", "channels: input should be"),
