@@ -115,6 +115,19 @@ def basis(path: Trajectory) -> dict[str, Array]:
     return {name: np.asarray(values) for name, values in made.items()}
 
 
+def sizes_of(path: Trajectory) -> dict[str, float]:
+    """What the functions of the basis were divided by, where they were."""
+    u, r, a = (_size(path[name]) for name in ("road_wheel_angle", "state.yaw_rate", "felt_acceleration"))
+    v = max(float(np.mean(np.abs(path["longitudinal_velocity"]))), 1e-3)
+    x, y = (_size(path[f"state.position_{k}"] - np.mean(path[f"state.position_{k}"])) for k in "xy")
+    made = {"u": u, "|u|": u, "u|u|": u**2, "u^3": u**3, "v": v, "v u": v * u}
+    return made | {"r|r|": r**2, "a|a|": a**2, "x": x, "y": y}
+
+
+def _size(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
 def steering_rate(path: Trajectory) -> Array:
     """(N,) rate of the road-wheel angle [rad/s], smoothed within windows."""
     made = np.zeros(path.times.size)
@@ -128,7 +141,7 @@ def steering_rate(path: Trajectory) -> Array:
 
 def scaled(values: Array) -> Array:
     """Divided by the root mean square."""
-    size = float(np.sqrt(np.mean(values**2)))
+    size = _size(values)
     return values / size if size > 0 else values
 
 
@@ -173,6 +186,8 @@ def pushed_by(
 ) -> dict[str, Array] | None:
     """Input of the model -> (N,) what a unit of a generic term adds to it; None where it is no push.
 
+    A unit is that of the term as it is written, in SI: of "yaw_moment: r|r|" 1 rad/s² per (rad/s)².
+
     key : as of the screen, such as "yaw_moment: r|r|"; at : what its shape holds
     """
     equation, _, name = key.partition(": ")
@@ -182,5 +197,5 @@ def pushed_by(
         values = (driven_since(path) > at["since"]).astype(np.float64)
         values = values * (scaled(path["felt_acceleration"]) if equation == "front_tyre" else 1.0)
     else:
-        values = basis(path)[name]
+        values = basis(path)[name] * sizes_of(path).get(name, 1.0)
     return dict(push(equation, values, parameters).inputs)

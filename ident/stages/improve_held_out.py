@@ -20,6 +20,7 @@ from ident.stages.improve_folds import Folds, folds_of
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+ASTRAY = 10.0  # times the error of the fit to all runs
 HELD_OUT = ["run", "time", "signal", "measured", "before", "after"]
 CONFIRMED_BY = {"run": "leave some runs out", "block": "blocks within one run"}
 WEAKEST: tuple[SplitBy, ...] = ("none", "block", "part", "run")
@@ -122,7 +123,18 @@ def _without(
     errors = [one for held in made[1:] for one in held.errors.values()]
     if not all(np.isfinite(one).all() for one in errors):
         return "the model fitted without it blows up there"
+    whole = _both(divided.layer, base, fit, runs)
+    if any(_astray(one, other) for one, other in zip(made[1:], whole[1:], strict=True)):
+        return "the model fitted without it goes astray there, beyond what the other runs show"
     return made
+
+
+def _astray(one: HeldOut, other: HeldOut) -> bool:
+    """Whether errors of any signal are far larger than those of the fit to all runs, as when a model spins."""
+    return any(
+        float(np.mean(error**2)) > ASTRAY**2 * float(np.mean(other.errors[name] ** 2))
+        for name, error in one.errors.items()
+    )
 
 
 def _both(

@@ -56,6 +56,16 @@ TERMS = {
     "y": sympy.Symbol("y"),
 }
 """Terms of the basis as they are typeset: u steering angle, r yaw rate, a lateral acceleration."""
+TERM_UNITS = {
+    **dict.fromkeys(("u", "|u|"), "rad"),
+    "u|u|": "rad^2",
+    "u^3": "rad^3",
+    "v": "m/s",
+    "v u": "rad m/s",
+    "r|r|": "rad^2/s^2",
+    "a|a|": "m^2/s^4",
+    **dict.fromkeys(("x", "y"), "m"),
+}
 SEEN = 0.02  # of the power above noise, below which an equation is not listed
 
 
@@ -279,7 +289,8 @@ def discovered(
     scores = next(one.scores for one in gate.layers if one.scores.layer == layer)
     equation, _, term = score.key.partition(": ")
     value, std = found.fits[layer].term(score.key)
-    unit = UNITS.get(equation, "of the signal")
+    per = TERM_UNITS.get(term)
+    unit = UNITS[equation] + (f" per {per}" if per else "")
     return Discovered(
         equation=equation,
         term=term,
