@@ -130,7 +130,7 @@ def _without(
 
 
 def _astray(one: HeldOut, other: HeldOut) -> bool:
-    """Whether errors of any signal are far larger than those of the fit to all runs, as when a model spins."""
+    """Whether any signal's errors are far above those of the fit to all runs, as when a model spins."""
     return any(
         float(np.mean(error**2)) > ASTRAY**2 * float(np.mean(other.errors[name] ** 2))
         for name, error in one.errors.items()
