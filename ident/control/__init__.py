@@ -1,0 +1,1 @@
+"""Closed loop: references, controllers, the truck that they drive, and what is measured of them."""
