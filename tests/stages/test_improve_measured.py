@@ -175,7 +175,7 @@ def test_gentle_curves_do_not_tell_the_scale_of_a_gyro(road_car: ImproveResult) 
 def test_a_truck_without_a_measured_steering_is_told_by_its_sensors_alone() -> None:
     result = improved(TRUCK, ["snake", "lane_change", "clock_wise_circle"]).result
     assert result.layers == []
-    assert result.told.startswith("only the sensors could be compared")
+    assert result.told.startswith("no model could be looked at, only the sensors")
     reasons = [one.reason for one in result.refused]
     assert any("no measured steering" in one for one in reasons)
 
