@@ -186,13 +186,18 @@ class ValidateResult:
     cells : scenario x controller; runs : all closed loops behind them
     worst : index into ``runs`` of the run that is opened in the report
     reached : the highest level of the comparison with logs that the data supports, None without logs
+    model : name of the prediction model; lane_half_width : from the path to the edge of the lane [m]
+    settings : what was tried, name -> told in words
     """
 
     schema_version: str
     provenance: Provenance
     verdict: str
     next_step: str | None
+    model: str
     period: float
+    lane_half_width: float
+    settings: dict[str, str]
     runs: list[ClosedLoopRun]
     cells: list[Cell]
     ranking: list[ControllerName]
