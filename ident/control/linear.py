@@ -1,4 +1,4 @@
-r"""Exact discretisation of linear models whose inputs are held, and gains from the algebraic Riccati equation.
+r"""Exact discretisation of linear models with held inputs, and gains from the algebraic Riccati equation.
 
 .. math:: \dot x = A x + B u + g: \quad
     A_d = e^{A h}, \quad B_d = \Gamma B, \quad c_d = \Gamma g, \quad \Gamma = \int_0^h e^{A t} dt
@@ -24,7 +24,7 @@ HALF = 0.5
 
 @numba.njit("void(float64[:, ::1], float64[:, ::1], float64[:, ::1])", cache=True, error_model="numpy")
 def _product(a: Array, b: Array, out: Array) -> None:
-    """out = a b, of square matrices with many zeros."""
+    """Fill ``out`` with a b, of square matrices with many zeros."""
     n = a.shape[0]
     out[:] = 0.0
     for i in range(n):
@@ -35,6 +35,36 @@ def _product(a: Array, b: Array, out: Array) -> None:
                     out[i, j] += factor * b[k, j]
 
 
+@numba.njit("float64(float64[:, ::1])", cache=True, error_model="numpy")
+def _norm(a: Array) -> float:
+    """Largest sum of magnitudes of a row."""
+    largest = 0.0
+    for i in range(a.shape[0]):
+        row = 0.0
+        for j in range(a.shape[1]):
+            row += abs(a[i, j])
+        largest = max(largest, row)
+    return largest
+
+
+@numba.njit(
+    "void(float64[:, ::1], float64, float64[:, ::1], float64[:, ::1])", cache=True, error_model="numpy"
+)
+def _series(a: Array, h: float, power: Array, integral: Array) -> None:
+    """Fill exp(a h) and its integral over the step from their Taylor series; |a h| is small."""
+    n = a.shape[0]
+    term, work = np.eye(n), np.empty((n, n))
+    power[:] = term
+    integral[:] = h * term
+    for order in range(1, TERMS + 1):
+        _product(term, a, work)
+        for i in range(n):
+            for j in range(n):
+                term[i, j] = work[i, j] * h / order
+                power[i, j] += term[i, j]
+                integral[i, j] += term[i, j] * h / (order + 1)
+
+
 @numba.njit(
     "void(float64[:, :, ::1], float64[::1], float64[:, :, ::1], float64[:, :, ::1])",
     cache=True,
@@ -43,38 +73,17 @@ def _product(a: Array, b: Array, out: Array) -> None:
 def _exponentials(matrices: Array, steps: Array, powers: Array, integrals: Array) -> None:
     """Fill exp(A h) and its integral for every stage."""
     n = matrices.shape[1]
-    scaled, term, work = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    work = np.empty((n, n))
     for stage in range(matrices.shape[0]):
-        largest = 0.0
-        for i in range(n):
-            row = 0.0
-            for j in range(n):
-                row += abs(matrices[stage, i, j])
-            largest = max(largest, row)
-        doublings = 0
-        h = steps[stage]
-        while largest * abs(h) > HALF and doublings < 60:
+        power, integral, h = powers[stage], integrals[stage], steps[stage]
+        norm, doublings = _norm(matrices[stage]), 0
+        while norm * abs(h) > HALF and doublings < 60:
             h *= 0.5
             doublings += 1
-        power, integral = powers[stage], integrals[stage]
-        for i in range(n):
-            for j in range(n):
-                scaled[i, j] = matrices[stage, i, j] * h
-                term[i, j] = 1.0 if i == j else 0.0
-                power[i, j] = term[i, j]
-                integral[i, j] = term[i, j] * h
-        for order in range(1, TERMS + 1):
-            _product(term, scaled, work)
-            for i in range(n):
-                for j in range(n):
-                    term[i, j] = work[i, j] / order
-                    power[i, j] += term[i, j]
-                    integral[i, j] += term[i, j] * h / (order + 1)
+        _series(matrices[stage], h, power, integral)
         for _ in range(doublings):
             _product(power, integral, work)
-            for i in range(n):
-                for j in range(n):
-                    integral[i, j] += work[i, j]
+            integral += work
             _product(power, power, work)
             power[:] = work
 
@@ -92,7 +101,9 @@ def held_step(A: Array, B: Array, g: Array, steps: Array) -> tuple[Array, Array,
     """
     powers, integrals = np.empty_like(A), np.empty_like(A)
     _exponentials(np.ascontiguousarray(A), np.ascontiguousarray(steps, dtype=np.float64), powers, integrals)
-    return powers, integrals @ B, np.einsum("kij,kj->ki", integrals, g)
+    driven: Array = np.matmul(integrals, B)
+    pushed: Array = np.matmul(integrals, g[:, :, None])[:, :, 0]
+    return powers, driven, pushed
 
 
 def held_step_once(A: Array, B: Array, step: float) -> tuple[Array, Array]:
@@ -111,8 +122,9 @@ def regulator(A: Array, B: Array, Q: Array, R: Array) -> tuple[Array, Array]:
     numpy.linalg.LinAlgError
         If the pair is not stabilisable.
     """
-    P = solve_discrete_are(A, B, Q, R)
-    return np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A), P
+    P: Array = np.asarray(solve_discrete_are(A, B, Q, R), dtype=np.float64)
+    gain: Array = np.asarray(np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A), dtype=np.float64)
+    return gain, P
 
 
 def observer(A: Array, C: Array, process: Array, measurement: Array) -> Array:
@@ -120,9 +132,9 @@ def observer(A: Array, C: Array, process: Array, measurement: Array) -> Array:
 
     A : (nx, nx); C : (ny, nx); process : (nx, nx) covariance a step; measurement : (ny, ny)
     """
-    P = solve_discrete_are(A.T, C.T, process, measurement)
-    gain: Array = np.linalg.solve(C @ P @ C.T + measurement, C @ P).T
-    return gain
+    P: Array = np.asarray(solve_discrete_are(A.T, C.T, process, measurement), dtype=np.float64)
+    gain = np.linalg.solve(C @ P @ C.T + measurement, C @ P)
+    return np.ascontiguousarray(gain.T, dtype=np.float64)
 
 
 def spectral_radius(A: Array) -> float:

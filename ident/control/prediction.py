@@ -1,4 +1,4 @@
-"""The model that a controller predicts with: the bicycle of ``dynamics``, its steering, its drive and the road.
+"""What a controller predicts with: the bicycle of ``dynamics``, its steering, its drive and the road.
 
 Composed of the Systems that are fitted to the logs, so that nothing about the truck is written twice:
 
@@ -15,8 +15,8 @@ heading, which is how commands on their way are predicted over (``estimator``).
 Dead times are not part of the model: a request is one that takes effect now. Disturbances are inputs that are
 held: what the truck does and the model does not know, estimated in ``estimator``.
 
-Effects of the truck with states of their own (relaxation, roll), with a heading (bank) and of sensors are left
-out: their constant part is found as a disturbance.
+Effects of the truck with states of their own (relaxation, roll), with a heading (bank) and of sensors are
+left out: their constant part is found as a disturbance.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ Domain = Literal["time", "space"]
 
 KINEMATIC = "kinematic"
 EFFECTS = (STEERING_OFFSET, STEERING_RATIO_NONLINEARITY, LOAD_TRANSFER)
+SHORTEST_LAG = 0.005  # [s] of the drive; a shorter one is as good as none
 CONTROLS = ("steering_request", "acceleration_request")
 SURROUNDINGS = ("curvature", "ratio_slope", "ratio_offset")
 DISTURBANCES = {
@@ -56,6 +57,7 @@ DISTURBANCES = {
     "drift": "lateral velocity of the tracked point beside that of the model [m/s]",
     "turn_drift": "rate of the heading beside the yaw rate [rad/s]",
 }
+OF_BICYCLE = ("lateral_disturbance", "yaw_disturbance")
 PARAMETERS = ("gain", "time_constant_1", "time_constant_2", "drive_lag")
 
 
@@ -70,8 +72,8 @@ def in_time(model: str, effects: tuple[Effect, ...] = ()) -> System:
 
     Returns
     -------
-    System with the inputs ``CONTROLS``, ``SURROUNDINGS`` and those of ``DISTURBANCES`` that the model has; its
-    parameter reference_x is the tracked point, forward of the centre of gravity [m]
+    System with the inputs ``CONTROLS``, ``SURROUNDINGS`` and those of ``DISTURBANCES`` that the model has;
+    its parameter reference_x is the tracked point, forward of the centre of gravity [m]
     """
     return _composed(model, effects, "time")
 
@@ -85,9 +87,7 @@ def in_space(model: str, effects: tuple[Effect, ...] = ()) -> System:
 def _composed(model: str, effects: tuple[Effect, ...], domain: Domain) -> System:
     is_kinematic = model == KINEMATIC
     vehicle = kinematic(effects=effects) if is_kinematic else bicycle(model, model, effects)
-    disturbances = [
-        n for n in DISTURBANCES if not is_kinematic or n not in ("lateral_disturbance", "yaw_disturbance")
-    ]
+    disturbances = [name for name in DISTURBANCES if not (is_kinematic and name in OF_BICYCLE)]
     motion = {} if is_kinematic else _disturbed_motion(vehicle)
     drift = {"at.drifting": vehicle.outputs["lateral_velocity"] + symbol("drift")}
     turning = {"at.turning": vehicle.outputs["yaw_rate"] + symbol("turn_drift")}
@@ -177,6 +177,8 @@ class Prediction:
     """A truck as it is believed to be, ready to be predicted and linearised.
 
     states, disturbances : names, in the order of every array
+    index : name of a state -> its place
+    mean_ratio : angle of the road wheels by that of the steering, over the whole table [-]
     """
 
     def __init__(self, truck: Truck, domain: Domain) -> None:
@@ -192,7 +194,9 @@ class Prediction:
         self._tracked = self.engine.parameters.index("reference_x")
         table = np.asarray(truck.steering.ratio, dtype=np.float64)
         slopes = np.diff(table[:, 1]) / np.diff(table[:, 0])
-        self._ratio = table if np.ptp(slopes) > 0 else None
+        self.mean_ratio = float((table[-1, 1] - table[0, 1]) / (table[-1, 0] - table[0, 0]))
+        self.is_ratio_bent = bool(np.ptp(slopes) > 0)
+        self._ratio = table
         self._line = float(slopes[0]), float(table[0, 1] - slopes[0] * table[0, 0])
 
     def parameters(self, tracked_x: float) -> Array:
@@ -219,7 +223,7 @@ class Prediction:
         rows[..., :2] = controls
         rows[..., 2] = curvature
         rows[..., 3], rows[..., 4] = self._line
-        if self._ratio is not None:
+        if self.is_ratio_bent:
             value, slope = ratio_map(self._ratio, angle)
             rows[..., 3], rows[..., 4] = slope, value - slope * angle
         rows[..., 5:] = disturbance
@@ -259,11 +263,13 @@ def _parameters(truck: Truck, effects: tuple[Effect, ...], wanted: tuple[str, ..
         "gain": steering.gain,
         "time_constant_1": steering.time_constant_1,
         "time_constant_2": steering.time_constant_2,
-        "drive_lag": truck.drive.lag,
+        "drive_lag": max(truck.drive.lag, SHORTEST_LAG),
     }
     for effect in effects:
-        given = truck.effects[effect.name]
+        given = dict(truck.effects[effect.name])
+        if effect is STEERING_OFFSET and "angle" in given:
+            given[STEERING_OFFSET.parameter_names[0]] = given["angle"]
         for parameter in (*effect.parameters, *effect.given):
-            short = parameter.name.removeprefix(f"{effect.name}.")
-            values[parameter.name] = given.get(parameter.name, given.get(short, parameter.typical))
+            known = [name for name in (parameter.name, parameter.name.rpartition(".")[2]) if name in given]
+            values[parameter.name] = given[known[0]] if known else parameter.typical
     return {name: values[name] for name in wanted}
