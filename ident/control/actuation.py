@@ -2,14 +2,14 @@
 
 Steering (2.25), with play, dead zone and limited rate where the actuator has them:
 
-    request -> dead zone -> gain -> dead time -> two lags -> play = measured angle -> ratio map -> road wheels
+    request -> dead zone -> gain -> dead time -> two lags -> play: measured angle -> ratio map -> road wheels
 
 Drive, with the request clipped to what the truck can do and v never below ``LOWEST_SPEED``:
 
     T ȧ = a_request(t - L) - a,      v̇_x = a
 
-Commands are held, so both are sums of exponentials between two events: a command takes effect exactly when its
-dead time is over, wherever that falls within a step, and nothing here depends on the step of the integration.
+Commands are held, so both are sums of exponentials between two events. A command takes effect exactly when
+its dead time is over, wherever that falls within a step; nothing here depends on the step of integration.
 """
 
 from __future__ import annotations

@@ -57,7 +57,9 @@ def _march(
         outputs(x, u[2 * at + 2], p, measured[at + 1])
 
 
-def march(engine: Engine, start: Array, inputs: Array, steps: Array, parameters: Array) -> tuple[Array, Array]:
+def march(
+    engine: Engine, start: Array, inputs: Array, steps: Array, parameters: Array
+) -> tuple[Array, Array]:
     """Simulate a model over steps whose inputs are given at beginning, middle and end.
 
     Parameters
@@ -84,6 +86,6 @@ def march(engine: Engine, start: Array, inputs: Array, steps: Array, parameters:
         raise ValueError(f"{engine.name}: start, inputs and parameters have shapes {shapes}, need {wanted}")
     states, measured = np.empty((count + 1, size)), np.empty((count + 1, len(engine.outputs)))
     module = engine.module
-    given = (np.ascontiguousarray(part, dtype=np.float64) for part in (start, inputs, steps, parameters))
-    _march(module.rates, module.outputs, *given, states, measured)
+    x, u, h, p = (np.ascontiguousarray(part, dtype=np.float64) for part in (start, inputs, steps, parameters))
+    _march(module.rates, module.outputs, x, u, h, p, states, measured)
     return states, measured

@@ -1,9 +1,9 @@
 """The simulated truck: a ``Truck`` that takes held commands and is read by sensors.
 
-Steering and drive are solved exactly (``actuation``); with the road-wheel angle and the longitudinal velocity
-that follow, the bicycle or the kinematic model of ``ident.dynamics`` is integrated by RK4 on a grid of its own.
-A time at which a command takes effect is a point of that grid, so that nothing jumps within a step. The drive
-holds v̇_x = a: what cornering takes of the speed is left to it.
+Steering and drive are solved exactly (``actuation``). With the road-wheel angle and the longitudinal velocity
+that follow, the bicycle or the kinematic model of ``ident.dynamics`` is integrated by RK4 on a grid of its
+own. A time at which a command takes effect is a point of that grid, so that nothing jumps within a step. The
+drive holds v̇_x = a: what cornering takes of the speed is left to it.
 
 Effects that ``ident improve`` finds act where they belong: those of tyres, linkage and road in the compiled
 model, a play in the linkage before it, those of the sensors on what the controller reads.
@@ -295,7 +295,9 @@ def effects_of(truck: Truck) -> dict[Effect, dict[str, float]]:
             raise BadRecipe(f"{name} is an effect of the actuator: give it in the truck's steering")
         elif name not in (LINKAGE_PLAY, *OF_SENSORS, *UNSEEN):
             can = ", ".join((*IN_MODEL, LINKAGE_PLAY, *OF_SENSORS, *UNSEEN))
-            raise BadRecipe(f"the effect {name} cannot be simulated: take it out of the model, need one of {can}")
+            raise BadRecipe(
+                f"the effect {name} cannot be simulated: take it out of the model, need one of {can}"
+            )
     return found
 
 
@@ -378,4 +380,6 @@ def refuse_unphysical(truck: Truck) -> None:
     if table.ndim != 2 or table.shape[0] < 2 or np.any(np.diff(table[:, 0]) <= 0):
         raise BadRecipe("the steering ratio needs two rows or more, with a rising steering angle")
     if np.any(np.diff(table[:, 1]) <= 0) and np.any(np.diff(table[:, 1]) >= 0):
-        raise BadRecipe("the road-wheel angle of the steering ratio turns back: need it to rise or fall throughout")
+        raise BadRecipe(
+            "the road-wheel angle of the steering ratio turns back: it has to rise or fall throughout"
+        )

@@ -1,7 +1,7 @@
-"""What the sensors of a simulated truck read: late, biased, scaled and noisy, by a seed of its own per signal.
+"""What the sensors of a simulated truck read: late, biased, scaled, and noisy from a seed.
 
-Noise is that of ``model.yaml``: an autoregression y_k = Σ a_i y_(k-i) + e_k at the sensor's own sample period,
-of which the controller gets the latest sample, or a continuous-time AR(1). It is drawn from its stationary
+Noise is that of ``model.yaml``: an autoregression y_k = Σ a_i y_(k-i) + e_k at the sensor's own sample
+period, of which the controller gets the latest sample, or a continuous-time AR(1). It is drawn from its stationary
 distribution by letting it run in. Noise along and across the truck turns with its heading.
 """
 
@@ -152,7 +152,12 @@ class Reading:
 
 def joined(first: Sensors, others: Iterable[Sensors]) -> Sensors:
     """Biases and latencies added, scales multiplied; noise of the later one where both have it."""
-    noise, bias, scale, latency = (dict(part) for part in (first.noise, first.bias, first.scale, first.latency))
+    noise, bias, scale, latency = (
+        dict(first.noise),
+        dict(first.bias),
+        dict(first.scale),
+        dict(first.latency),
+    )
     for other in others:
         noise |= other.noise
         for name, value in other.bias.items():
