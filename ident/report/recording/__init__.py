@@ -12,6 +12,7 @@ from ident.report.recording.improve import improve_part
 from ident.report.recording.parts import Part, recording_id, write_recording
 from ident.report.recording.steering import steering_part
 from ident.report.recording.tyres import tyres_part
+from ident.report.recording.validate import validate_part
 
 __all__ = [
     "Part",
@@ -20,5 +21,6 @@ __all__ = [
     "recording_id",
     "steering_part",
     "tyres_part",
+    "validate_part",
     "write_recording",
 ]
