@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ident.control.controllers.controller import Command, Controller, Diagnostics, Measured
 from ident.control.plant import COLUMNS, Plant, Ride, Start, Stretch
 from ident.control.reference import Reference
-from ident.control.tracking import path_at, project
+from ident.control.tracking import project
 from ident.errors import BadRecipe
 
 Array = NDArray[np.float64]
@@ -209,9 +209,10 @@ class _Loop:
             return "blew_up"
         x, y = tracked_point(end, self.reference.tracked_x)
         moved = end["longitudinal_velocity"][0] * self.controller.period
-        s, left = (found[0] for found in project(self.reference, x, y, self.places[-1:] + moved))
-        self.places.append(float(s))
-        if 1 - left * float(path_at(self.reference, np.array([s]))[3][0]) <= 0:
+        near = np.array([self.places[-1] + moved])
+        s, left, _, curvature = (float(found[0]) for found in project(self.reference, x, y, near))
+        self.places.append(s)
+        if 1 - curvature * left <= 0:
             return "folded"
         if not abs(left) <= self.settings.lateral_limit:
             return "left_the_lane"
@@ -257,7 +258,7 @@ class _Loop:
         """Arc length, lateral error and heading error at all times; not a number after a model blew up."""
         known = np.append(cycles, self.ride.time)[: len(self.places)]
         near = np.interp(times, known, self.places)
-        with np.errstate(all="ignore"):
-            s, left = project(self.reference, *tracked_point(states, self.reference.tracked_x), near)
-        angle = np.interp(s, self.reference.arc_length, self.reference.heading + self.reference.heading_error)
-        return s, left, states["heading"] - angle
+        x, y = tracked_point(states, self.reference.tracked_x)
+        s, left, heading, _ = project(self.reference, x, y, near)
+        inwards = np.interp(s, self.reference.arc_length, self.reference.heading_error)
+        return s, left, states["heading"] - heading - inwards

@@ -1,8 +1,8 @@
 """What the sensors of a simulated truck read: late, biased, scaled, and noisy from a seed.
 
 Noise is that of ``model.yaml``: an autoregression y_k = Σ a_i y_(k-i) + e_k at the sensor's own sample
-period, of which the controller gets the latest sample, or a continuous-time AR(1). It is drawn from its stationary
-distribution by letting it run in. Noise along and across the truck turns with its heading.
+period, of which the controller gets the latest sample, or a continuous-time AR(1). It begins from its
+stationary distribution, by being let run in. Noise along and across the truck turns with its heading.
 """
 
 from __future__ import annotations

@@ -1,13 +1,17 @@
 """Errors of a driven path from its reference, as the bench sees them: for many points at once.
 
-    e_y = -(x - x_r) sin ψ_r + (y - y_r) cos ψ_r,     at the s where (x - x_r) cos ψ_r + (y - y_r) sin ψ_r = 0
+    e_y = (y - y_r) cos ψ_r - (x - x_r) sin ψ_r,     at the s where (x - x_r) cos ψ_r + (y - y_r) sin ψ_r = 0
 
-Between its samples the path is a cubic (Hermite) through positions and tangents; beyond its ends it runs
-straight on. Found by Newton's method from where the truck was last, so a path may cross itself.
+Between its samples the path is a cubic (Hermite) through positions and tangents, with heading and curvature
+that run linearly; beyond its ends it runs straight on. Found by Newton's method from where the truck was last,
+so a path may cross itself.
 """
 
 from __future__ import annotations
 
+import math
+
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,8 +24,60 @@ CLOSE = 1e-10  # [m]
 LEAST_STRETCH = 0.1  # of 1 - κ e_y, which is zero at the centre of the curve
 
 
-def project(reference: Reference, x: Array, y: Array, near: Array) -> tuple[Array, Array]:
-    """Arc length and lateral error of points.
+@numba.njit(
+    "UniTuple(float64, 4)(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64)",
+    cache=True,
+    error_model="numpy",
+)
+def _point(
+    grid: Array, xs: Array, ys: Array, headings: Array, curvatures: Array, s: float
+) -> tuple[float, float, float, float]:
+    """x, y, heading and curvature of the path at one arc length."""
+    end = grid.size - 1
+    if s < grid[0] or s > grid[end]:
+        k = 0 if s < grid[0] else end
+        beyond = s - grid[k]
+        heading = headings[k]
+        return xs[k] + beyond * math.cos(heading), ys[k] + beyond * math.sin(heading), heading, 0.0
+    k = min(max(np.searchsorted(grid, s, side="right") - 1, 0), end - 1)
+    step = grid[k + 1] - grid[k]
+    t = (s - grid[k]) / step
+    left = 1.0 - t
+    from_begin, from_end = (1.0 + 2.0 * t) * left * left, t * t * (3.0 - 2.0 * t)
+    leaving, coming = step * t * left * left, -step * t * t * left
+    x = from_begin * xs[k] + from_end * xs[k + 1]
+    y = from_begin * ys[k] + from_end * ys[k + 1]
+    x += leaving * math.cos(headings[k]) + coming * math.cos(headings[k + 1])
+    y += leaving * math.sin(headings[k]) + coming * math.sin(headings[k + 1])
+    heading = left * headings[k] + t * headings[k + 1]
+    return x, y, heading, left * curvatures[k] + t * curvatures[k + 1]
+
+
+@numba.njit(
+    "void(float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[::1],"
+    " float64[:, ::1])",
+    cache=True,
+    error_model="numpy",
+)
+def _project(
+    grid: Array, xs: Array, ys: Array, headings: Array, curvatures: Array, x: Array, y: Array, out: Array
+) -> None:
+    """Fill ``out`` with s, e_y, heading and curvature of the path; its first column holds where to begin."""
+    for i in range(x.size):
+        s, left, heading, curvature = out[i, 0], 0.0, 0.0, 0.0
+        for _ in range(ROUNDS):
+            path_x, path_y, heading, curvature = _point(grid, xs, ys, headings, curvatures, s)
+            cosine, sine = math.cos(heading), math.sin(heading)
+            ahead = (x[i] - path_x) * cosine + (y[i] - path_y) * sine
+            left = (y[i] - path_y) * cosine - (x[i] - path_x) * sine
+            if not abs(ahead) > CLOSE:
+                break
+            s += ahead / max(1.0 - curvature * left, LEAST_STRETCH)
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = s, left, heading, curvature
+
+
+def project(reference: Reference, x: Array, y: Array, near: Array) -> tuple[Array, Array, Array, Array]:
+    """Where on the path points are, and how far from it.
 
     Parameters
     ----------
@@ -31,45 +87,17 @@ def project(reference: Reference, x: Array, y: Array, near: Array) -> tuple[Arra
     Returns
     -------
     arc_length, lateral_error : (n,) [m], the error left positive
+    heading, curvature : (n,) of the path there [rad], [1/m]
     """
-    s = np.array(near, dtype=np.float64)
-    for _ in range(ROUNDS):
-        path_x, path_y, angle, curvature = path_at(reference, s)
-        ahead = (x - path_x) * np.cos(angle) + (y - path_y) * np.sin(angle)
-        left = (y - path_y) * np.cos(angle) - (x - path_x) * np.sin(angle)
-        move = ahead / np.maximum(1.0 - curvature * left, LEAST_STRETCH)
-        s += move
-        if np.all(np.abs(move) < CLOSE):
-            break
-    path_x, path_y, angle, _ = path_at(reference, s)
-    return s, (y - path_y) * np.cos(angle) - (x - path_x) * np.sin(angle)
-
-
-def path_at(reference: Reference, s: Array) -> tuple[Array, Array, Array, Array]:
-    """Position [m], heading [rad] and curvature [1/m] of the path at arc lengths (n,) [m]."""
-    grid = reference.arc_length
-    place = np.clip(np.searchsorted(grid, s, side="right") - 1, 0, grid.size - 2)
-    step = grid[place + 1] - grid[place]
-    t = np.clip((s - grid[place]) / step, 0.0, 1.0)
-    angle = np.interp(s, grid, reference.heading)
-    beyond = s - np.clip(s, grid[0], grid[-1])
-    curvature = np.where(beyond == 0, np.interp(s, grid, reference.curvature), 0.0)
-    begin, end = reference.heading[place], reference.heading[place + 1]
-    x = _cubic(reference.position_x, place, step, t, (np.cos(begin), np.cos(end)))
-    y = _cubic(reference.position_y, place, step, t, (np.sin(begin), np.sin(end)))
-    return x + beyond * np.cos(angle), y + beyond * np.sin(angle), angle, curvature
-
-
-def _cubic(
-    values: Array, place: NDArray[np.intp], step: Array, t: Array, slopes: tuple[Array, Array]
-) -> Array:
-    """Hermite's cubic from a sample to the next, with these slopes at its ends."""
-    begin, end = values[place], values[place + 1]
-    leaving, coming = step * slopes[0], step * slopes[1]
-    left = 1 - t
-    return np.asarray(
-        (1 + 2 * t) * left**2 * begin
-        + t**2 * (3 - 2 * t) * end
-        + t * left**2 * leaving
-        - t**2 * left * coming
+    out = np.empty((x.size, 4))
+    out[:, 0] = near
+    table = (
+        reference.arc_length,
+        reference.position_x,
+        reference.position_y,
+        reference.heading,
+        reference.curvature,
     )
+    arrays = [np.ascontiguousarray(column, dtype=np.float64) for column in (*table, x, y)]
+    _project(*arrays, out)
+    return out[:, 0], out[:, 1], out[:, 2], out[:, 3]
