@@ -42,7 +42,7 @@ from ident.dynamics.reference_point import (
 )
 from ident.dynamics.symbols import guarded
 from ident.dynamics.system import System
-from ident.dynamics.tyres import TYRES
+from ident.dynamics.tyres import Tyre, tyre_of
 
 Array = NDArray[np.float64]
 
@@ -76,19 +76,21 @@ class Lateral:
     turning: Expr
 
 
-def tyre_parameters(front: str, rear: str) -> tuple[str, ...]:
+def tyre_parameters(front: str | Tyre, rear: str | Tyre) -> tuple[str, ...]:
     """Such as "front.cornering_stiffness", front axle first."""
     kinds = {"front": front, "rear": rear}
-    return tuple(f"{axle}.{name}" for axle, kind in kinds.items() for name in TYRES[kind].names)
+    return tuple(f"{axle}.{name}" for axle, kind in kinds.items() for name in tyre_of(kind).names)
 
 
 @cache
-def bicycle(front: str, rear: str, effects: tuple[Effect, ...] = (STEERING_OFFSET, ROAD_BANK)) -> System:
+def bicycle(
+    front: str | Tyre, rear: str | Tyre, effects: tuple[Effect, ...] = (STEERING_OFFSET, ROAD_BANK)
+) -> System:
     """Planar bicycle with one kind of tyres on each axle.
 
     Parameters
     ----------
-    front, rear : kinds of tyres, names in ``TYRES``
+    front, rear : kinds of tyres, names in ``TYRES``, or tyres made from a file (``tyres.pac2002_axle``)
     effects : what enters at its ports; every parameter of theirs is one of the system; their states, inputs
         and outputs follow those of the bicycle
 
@@ -107,10 +109,11 @@ def bicycle(front: str, rear: str, effects: tuple[Effect, ...] = (STEERING_OFFSE
     inputs = (*INPUTS, *ports.inputs)
     parameters = (*BODY, *tyres, *MOUNTING, *ports.parameter_names())
     outputs = measured | ports.outputs()
-    return System(f"bicycle_{front}_{rear}", states, inputs, parameters, outputs, ports.intermediates)
+    name = f"bicycle_{tyre_of(front).kind}_{tyre_of(rear).kind}"
+    return System(name, states, inputs, parameters, outputs, ports.intermediates)
 
 
-def lateral_dynamics(ports: Ports, front: str, rear: str) -> Lateral:
+def lateral_dynamics(ports: Ports, front: str | Tyre, rear: str | Tyre) -> Lateral:
     """Forces and yaw acceleration at the state and inputs that the ports know.
 
     front, rear : kinds of tyres
@@ -133,7 +136,7 @@ def lateral_dynamics(ports: Ports, front: str, rear: str) -> Lateral:
 
 
 def _axle_forces(
-    ports: Ports, kinds: tuple[str, str], slips: tuple[Expr, Expr], angle: Expr
+    ports: Ports, kinds: tuple[str | Tyre, str | Tyre], slips: tuple[Expr, Expr], angle: Expr
 ) -> tuple[Expr, Expr]:
     """Forces front and rear after the effects.
 
@@ -154,12 +157,12 @@ def _axle_forces(
     return front, rear
 
 
-def _curve(ports: Ports, axle: str, kind: str, slip: Expr) -> Expr:
+def _curve(ports: Ports, axle: str, kind: str | Tyre, slip: Expr) -> Expr:
     """Force of an axle at a slip angle, its load that at rest."""
     known = ports.known
     l_f, l_r = known["cg_to_front_axle"], known["cg_to_rear_axle"]
     load = known["mass"] * GRAVITY / (l_f + l_r) * (l_r if axle == "front" else l_f)
-    return TYRES[kind].force_at(axle, slip, load)
+    return tyre_of(kind).force_at(axle, slip, load)
 
 
 def wheel_velocity(along: Expr, across: Expr, angle: Expr) -> tuple[Expr, Expr]:

@@ -13,6 +13,11 @@ from ident.dynamics.tyres.tyre import Array, Tyre, evaluate
 TYRES: dict[str, Tyre] = {tyre.kind: tyre for tyre in (LINEAR, PIECEWISE_LINEAR, MAGIC_FORMULA, BRUSH)}
 
 
+def tyre_of(kind: str | Tyre) -> Tyre:
+    """Return the tyre of a kind; one that was made from a property file is its own."""
+    return kind if isinstance(kind, Tyre) else TYRES[kind]
+
+
 def axle_force(
     kind: str, slip_angle: Array, values: Mapping[str, float], vertical_load: float = 0.0
 ) -> tuple[Array, Array]:
