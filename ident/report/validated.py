@@ -68,8 +68,8 @@ MISMATCHES = {
     "stiffness": "cornering stiffness",
     "friction": "friction",
     "dead_time": "dead time",
-    "time_constants": "time constants",
-    "steering_ratio": "steering ratio",
+    "time_constant": "time constants",
+    "ratio": "steering ratio",
     "lateral_error": "lateral error at the start",
     "heading_error": "heading error at the start",
     "speed": "speed at the start",
@@ -95,12 +95,18 @@ class Measure:
     """A measure of a closed loop, of which less is better.
 
     name : for a reader; short : where there is little room; unit : as it is shown; factor : from SI to it
+    places : more decimals than these are never shown
     """
 
     name: str
     short: str
     unit: str
     factor: float = 1.0
+    places: int = 3
+
+    def shown(self, value: float) -> str:
+        """Give a value [SI] in the shown unit."""
+        return rounded(self.factor * value, self.places)
 
     @property
     def head(self) -> str:
@@ -112,21 +118,19 @@ MEASURES: dict[str, Measure] = {
     "lateral_error_max": Measure("largest lateral error", "|e_y| max", "m"),
     "lateral_error_rms": Measure("lateral error, RMS", "e_y RMS", "m"),
     "lateral_error_p95": Measure("lateral error, 95 %", "|e_y| 95 %", "m"),
-    "lateral_error_settled": Measure("settled lateral error", "e_y settled", "mm", 1e3),
-    "heading_error_rms": Measure("heading error, RMS", "e_ψ RMS", "mrad", 1e3),
-    "arrival_time_error": Measure("arrival less stipulated time", "late by", "s"),
-    "braking_work": Measure("braking work per mass", "braking", "J/kg"),
-    "acceleration_work": Measure("acceleration work per mass", "acceleration", "J/kg"),
+    "lateral_error_settled": Measure("settled lateral error", "|e_y| settled", "mm", 1e3, 1),
+    "heading_error_rms": Measure("heading error, RMS", "e_ψ RMS", "mrad", 1e3, 1),
+    "arrival_time_error": Measure("error of the arrival time", "|arrival error|", "s"),
+    "braking_work": Measure("braking work per mass", "braking", "J/kg", places=2),
+    "acceleration_work": Measure("acceleration work per mass", "accelerating", "J/kg", places=2),
     "drive_switches": Measure("changes of braking and accelerating", "drive switches", "–"),
-    "steering_rate_rms": Measure(
-        "steering effort: RMS rate of the road wheels", "steering rate", "mrad/s", 1e3
-    ),
-    "steering_rate_max": Measure("largest rate of the road wheels", "rate max", "mrad/s", 1e3),
-    "steering_reversals": Measure("steering reversals", "reversals", "1/s"),
+    "steering_rate_rms": Measure("steering effort, RMS rate", "steering rate", "mrad/s", 1e3, 1),
+    "steering_rate_max": Measure("largest rate of the road wheels", "rate max", "mrad/s", 1e3, 1),
+    "steering_reversals": Measure("steering reversals", "reversals", "1/s", places=2),
     "lateral_acceleration_max": Measure("largest lateral acceleration", "a_y max", "m/s²"),
     "lateral_jerk_rms": Measure("lateral jerk, RMS", "jerk RMS", "m/s³"),
-    "solve_time_p50": Measure("time of a step, median", "step p50", "ms", 1e3),
-    "solve_time_p99": Measure("time of a step, 99 %", "step p99", "ms", 1e3),
+    "solve_time_p50": Measure("time of a step, median", "step p50", "ms", 1e3, 2),
+    "solve_time_p99": Measure("time of a step, 99 %", "step p99", "ms", 1e3, 2),
     "violations": Measure("cycles beyond a limit", "violations", "–"),
     "infeasible": Measure("cycles without a solution", "infeasible", "–"),
 }
@@ -139,6 +143,12 @@ def measure_of(name: str, unit: str = "1") -> Measure:
     factor, shown = SHOWN_IN.get(unit, (1.0, unit_text(unit)))
     own = name.replace("_", " ")
     return MEASURES.get(name) or Measure(own, own, shown, factor)
+
+
+def rounded(value: float, places: int) -> str:
+    """Round to three significant digits, and never to more than so many decimals."""
+    text = significant(value)
+    return fixed(value, places) if math.isfinite(value) and abs(value) < 10.0 ** (2 - places) else text
 
 
 def controller_name(name: str) -> str:
@@ -211,15 +221,15 @@ def shown_score(score: Score | None) -> str:
     """Give a measure in its shown unit."""
     if score is None:
         return NONE
-    return significant(measure_of(score.measure, score.unit).factor * score.value)
+    return measure_of(score.measure, score.unit).shown(score.value)
 
 
 def shown_range(score: Score | None) -> str | None:
-    """Give the 95 % interval of a measure in its shown unit, None without one."""
+    """Give the 95 % interval of a measure in its shown unit, None without one that can be seen."""
     if score is None or score.low is None or score.high is None:
         return None
-    factor = measure_of(score.measure, score.unit).factor
-    return f"{significant(factor * score.low)} … {significant(factor * score.high)}"
+    low, high = (measure_of(score.measure, score.unit).shown(end) for end in (score.low, score.high))
+    return None if low == high else f"{low} … {high}"
 
 
 def lost_in(cell: Cell) -> int:

@@ -55,15 +55,17 @@ def opened(result: ValidateResult, tables: Tables) -> dict[int, pd.DataFrame]:
 
 
 def starts(result: ValidateResult, found: Mapping[int, pd.DataFrame]) -> list[Start]:
-    """Put runs together that follow the same path, the one of the worst run first.
+    """Put runs together that begin in the same way on the same path with the same truck, the worst first.
 
     found : index of a run -> its rows, as ``opened`` gives them
     """
-    together: dict[tuple[str, float, str | None], dict[int, pd.DataFrame]] = {}
+    together: dict[tuple[object, ...], Start] = {}
     for index, rows in found.items():
         run = result.runs[index]
-        together.setdefault((run.scenario, run.speed, run.scenario_run), {})[index] = rows
-    return [Start(*path, runs=runs) for path, runs in together.items()]
+        start = Start(run.scenario, run.speed, run.scenario_run, {})
+        key = (*start[:-1], run.simulation_model, run.seed, *sorted(run.disturbance.items()))
+        together.setdefault(key, start).runs[index] = rows
+    return list(together.values())
 
 
 def reference_of(tables: Tables, run: ClosedLoopRun) -> Path | None:

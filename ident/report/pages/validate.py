@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from ident.report.numbers import NONE, count, fixed, significant
+from ident.report.numbers import NONE, fixed, shorten, significant
 from ident.report.page import (
     Block,
     Code,
@@ -93,11 +93,20 @@ def _scenarios(result: ValidateResult) -> list[Block]:
     found = scenarios_of(result)
     if not found:
         return [Text("No closed loop was driven: see what was refused.", "muted")]
-    return [tables_of.scenario_table(result, name) for name in found]
+    return [
+        Details(
+            tables_of.scenario_summary(result, name),
+            [tables_of.scenario_table(result, name)],
+            open=name == found[0],
+        )
+        for name in found
+    ]
 
 
 def _claims(result: ValidateResult) -> list[Block]:
-    return [tables_of.claims(by_claim(result.claims))]
+    found = by_claim(result.claims)
+    inside = tables_of.differences(found)
+    return [tables_of.claims(found), *([Details("Each difference", [inside])] if inside else [])]
 
 
 def _worst(result: ValidateResult, tables: Mapping[str, pd.DataFrame]) -> list[Block]:
@@ -114,7 +123,7 @@ def _worst(result: ValidateResult, tables: Mapping[str, pd.DataFrame]) -> list[B
     together = [one for one in starts(result, found) if len(one.runs) > 1]
     for one in together[:MOST_STARTS]:
         title = f"{scenario_name(one.scenario, one.logged)} at {fixed(3.6 * one.speed, 0)}\u00a0km/h"
-        said = f"All {count(len(one.runs), 'controller')} compared: {title}"
+        said = f"All {len(one.runs)} controllers from one start: {title}"
         blocks.append(Details(said, [runs_of.start_figure(result, one)]))
     left = len(together) - MOST_STARTS
     return [*blocks, Text(f"{left} more starts are in run.rrd.", "muted")] if left > 0 else blocks
@@ -157,7 +166,7 @@ def _logged(result: ValidateResult, tables: Mapping[str, pd.DataFrame]) -> list[
     for name in names[:MOST_LOGGED]:
         drawn = runs_of.logged_figures(tables, name)
         if drawn:
-            blocks.append(Details(f"{name}: by arc length", drawn, open=name == names[0]))
+            blocks.append(Details(f"{shorten(name, 60)}: by arc length", drawn, open=name == names[0]))
     left = len(names) - MOST_LOGGED
     return (
         [*blocks, Text(f"{left} more runs are in signals/validate_logged.parquet.", "muted")]

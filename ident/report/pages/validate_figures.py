@@ -62,7 +62,10 @@ def measures_figure(result: ValidateResult) -> Figure | None:
     panels = [_measure_panel(result, name, names, first=name == measures[0]) for name in measures]
     height = 74 + ROW_HEIGHT * len(names)
     spec, height = figures.grid(panels, figures.Layout(len(panels), height, left=NAMES, gap=24))
-    caption = "Median over the runs that came to the end, with its 95 % interval; less is better everywhere."
+    caption = (
+        "Median over the runs that came to the end, with its 95 % interval; less is better everywhere; "
+        "where nothing is drawn every run was lost."
+    )
     return Figure(*with_legend_below(spec, height), "Controllers compared", caption)
 
 
@@ -133,7 +136,7 @@ def pairs_figure(result: ValidateResult) -> Figure | None:
         for place, name in enumerate(order)
     ]
     panels = [_titled(panel, controller_name(name)) for panel, name in zip(panels, order, strict=True)]
-    height = 84 + 40 * len(predicted)
+    height = 110 + 40 * len(predicted)
     spec, height = figures.grid(panels, figures.Layout(columns, height, left=NAMES, gap=24, legend=False))
     _name_columns(spec, [simulated_name(name) for name in simulated], len(panels))
     caption = (
@@ -165,7 +168,7 @@ def _pair_panel(
         size = significant(one.lateral_error_max, 2)
         text[row][across] = f"✗ {lost}" if one.completed <= 0 else f"{size}<br>✗ {lost}" if lost else size
     names = [simulated_name(name) if first else "" for name in predicted]
-    return figures.Panel("", [_map(shade, text)], x="", y="", categories=names)
+    return figures.Panel("", [_map(shade, text)], x=" ", y="", categories=names)
 
 
 def _map(shade: Array, text: Sequence[Sequence[str]]) -> figures.Trace:
@@ -189,6 +192,7 @@ def _map(shade: Array, text: Sequence[Sequence[str]]) -> figures.Trace:
         "showscale": False,
         "text": text,
         "texttemplate": "%{text}",
+        "textfont": {"size": 12},
         "hovertemplate": "%{text}<extra></extra>",
     }
 
@@ -200,7 +204,7 @@ def _name_columns(spec: dict[str, Any], names: Sequence[str], panels: int) -> No
         axis = spec["layout"][f"xaxis{place}"]
         axis.pop("nticks", None)
         axis["tickvals"] = list(range(len(names)))
-        axis["ticktext"] = [_in_lines(figures.label(name, 40)) for name in names]
+        axis["ticktext"] = [_in_lines(name) for name in names]
         axis["range"] = [-0.5, len(names) - 0.5]
         for name in ("xaxis", "yaxis"):
             spec["layout"][f"{name}{place}"] |= {"showgrid": False, "showline": False, "ticks": ""}
@@ -211,7 +215,11 @@ def _name_columns(spec: dict[str, Any], names: Sequence[str], panels: int) -> No
 
 
 def _in_lines(name: str) -> str:
-    return name.replace(" + ", "<br>+ ")
+    """Put each effect of a model on a line of its own, those after the second counted."""
+    model, *effects = (figures.label(part, 24) for part in name.split(" + "))
+    if len(effects) > 2:
+        effects = [effects[0], f"{len(effects) - 1} effects"]
+    return "<br>+ ".join([model, *effects])
 
 
 def mismatch_figures(result: ValidateResult) -> list[Figure]:

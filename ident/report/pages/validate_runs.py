@@ -19,6 +19,7 @@ from ident.report.validated import (
     CONTROLLERS,
     LEVELS,
     controller_name,
+    controllers_of,
     level_unit,
     run_title,
     scenario_name,
@@ -39,7 +40,7 @@ from ident.report.validated_runs import (
 from ident.results.validate import ClosedLoopRun, ValidateResult
 
 BINS = 300
-PATH_HEIGHT, SIGNAL_HEIGHT = 230, 128
+PATH_HEIGHT, SIGNAL_HEIGHT = 230, 140
 MOST_HORIZONS = 14
 EQUAL_FROM = 0.3
 """A path whose width is at least so much of its length is drawn to scale."""
@@ -51,7 +52,12 @@ LEVEL_SIGNALS = {
     3: ("lateral_error", "heading_error", "steering_request", "speed"),
 }
 """What is drawn of each level, where the lines have it."""
-SHORT = {"lateral_error": "e_y", "heading_error": "e_ψ", "steering_request": "request"}
+SHORT = {
+    "lateral_error": "e_y",
+    "heading_error": "e_ψ",
+    "steering_request": "request",
+    "steering_angle": "angle",
+}
 
 
 def worst_figures(
@@ -104,7 +110,7 @@ def _place(x: Array, y: Array, role: str, name: str, width: float, dash: str = "
 def _signals_figure(result: ValidateResult, rows: pd.DataFrame, run: ClosedLoopRun) -> Figure:
     """Draw lateral error, steering and speed over the arc length."""
     lane = result.lane_half_width
-    steering = [("steering_request", "request", "request"), ("steering_angle", "modelled", "angle")]
+    steering = [("steering_request", "request", "request"), ("steering_angle", "modelled", "truck")]
     speed = [("reference_speed", "measured", "reference"), ("speed", "modelled", "truck")]
     panels = [
         figures.Panel(
@@ -150,14 +156,13 @@ def _stacked(panels: Sequence[figures.Panel], title: str, caption: str, *, many:
 
 def start_figure(result: ValidateResult, start: Start) -> Figure:
     """Draw every controller from one start: lateral error, steering and speed over the arc length."""
-    names = {"lateral_error": "e_y [m]", "road_wheel_angle": "road wheels [mrad]", "speed": "speed [m/s]"}
+    names = {"lateral_error": "e_y [m]", "road_wheel_angle": "wheels [mrad]", "speed": "speed [m/s]"}
     panels = []
+    order = sorted(start.runs, key=lambda index: controllers_of(result).index(result.runs[index].controller))
     for name, axis in names.items():
         factor = 1e3 if name == "road_wheel_angle" else 1.0
-        traces = [
-            _of_controller(result.runs[index], rows, name, factor) for index, rows in start.runs.items()
-        ]
-        largest = max((rows for rows in start.runs.values()), key=_largest_error)
+        traces = [_of_controller(result.runs[index], start.runs[index], name, factor) for index in order]
+        largest = max(start.runs.values(), key=_largest_error)
         marks = _lane_marks(largest, result.lane_half_width) if name == "lateral_error" else []
         panels.append(figures.Panel("", traces, x="", y=axis, marks=marks))
     caption = (

@@ -12,6 +12,7 @@ from ident.report.numbers import (
     estimate_interval,
     estimate_value,
     fixed,
+    shorten,
     significant,
     unit_text,
     with_unit,
@@ -37,6 +38,7 @@ from ident.report.validated import (
     measure_of,
     measures_of,
     reached_text,
+    rounded,
     scenario_name,
     scenarios_of,
     score_of,
@@ -173,7 +175,14 @@ def scenario_table(result: ValidateResult, scenario: str) -> Table:
         for cell in cells
     ]
     columns = [Column("controller"), Column("came through"), *heads]
-    return Table(columns, rows, scenario_name(scenario).capitalize(), notes=[MEDIANS, STARRED])
+    return Table(columns, rows, notes=[MEDIANS, STARRED], download=f"validate_{scenario}.csv")
+
+
+def scenario_summary(result: ValidateResult, scenario: str) -> str:
+    """Say in one line how a scenario went."""
+    cells = [cell for cell in result.cells if cell.scenario == scenario]
+    runs, lost = sum(cell.runs for cell in cells), sum(map(lost_in, cells))
+    return f"{scenario_name(scenario).capitalize()}: {count(runs, 'run')}, {lost or 'none'} lost"
 
 
 def _unit(cells: Sequence[Cell], measure: str) -> str:
@@ -198,26 +207,48 @@ def claims(found: Sequence[Claim]) -> Block:
             Entry(HOLDS[one.holds][0], tone=HOLDS[one.holds][1], badge=True),
             Entry(one.claim),
             Entry(one.evidence),
-            Entry("; ".join(difference_text(each) for each in one.difference) or NONE),
         ]
         for one in found
     ]
-    columns = [
-        Column("verdict"),
-        Column("claim of the source", wrap=True),
-        Column("evidence", wrap=True),
-        Column("difference, 95 % interval", wrap=True),
-    ]
+    columns = [Column("verdict"), Column("claim of the source", wrap=True), Column("evidence", wrap=True)]
     return Table(columns, rows, download="validate_claims.csv")
 
 
-def difference_text(estimate: Estimate) -> str:
-    """Give a difference with its interval and unit, and what it is of where that is told."""
+def differences(found: Sequence[Claim]) -> Table | None:
+    """Give every difference behind the claims with its interval, None where there is none."""
+    rows = [
+        [Entry(one.claim), Entry(against), *_difference(estimate)]
+        for one in found
+        for against, estimate in zip(_against(one), one.difference, strict=True)
+    ]
+    if not rows:
+        return None
+    columns = [
+        Column("claim", wrap=True),
+        Column("against"),
+        Column("difference", "number"),
+        Column("95 % interval", "number"),
+        Column("unit"),
+        Column("why not known", wrap=True),
+    ]
+    notes = ["the controller of the claim less the other, median over the same starts; below zero: less"]
+    return Table(columns, rows, notes=notes, download="validate_differences.csv", scroll=len(rows) > 16)
+
+
+def _against(one: Claim) -> list[str]:
+    """Name what each difference of a claim is to, a dash where that is not told."""
+    told = [controller_name(name) for name in one.against]
+    return told if len(told) == len(one.difference) else [NONE] * len(one.difference)
+
+
+def _difference(estimate: Estimate) -> list[Entry]:
     own = displayed(estimate)
-    unit = "" if own.unit == "1" else f"\u00a0{unit_text(own.unit)}"
-    interval = "" if own.low is None or own.high is None else f" ({estimate_interval(own)})"
-    told = f" {estimate.reason}" if estimate.reason else ""
-    return f"{estimate_value(own)}{interval}{unit}{told}"
+    return [
+        Entry(estimate_value(own), raw=own.value),
+        Entry(estimate_interval(own)),
+        Entry(unit_text(own.unit)),
+        Entry(estimate.reason or ""),
+    ]
 
 
 def run_facts(run: ClosedLoopRun) -> Facts:
@@ -361,7 +392,7 @@ def _time_row(result: ValidateResult, name: str, runs: Sequence[ClosedLoopRun]) 
     share = p99 / result.period
     return [
         Entry(controller_name(name)),
-        *[Entry(significant(1e3 * value), raw=value) for value in (p50, p95, p99)],
+        *[Entry(rounded(1e3 * value, 2), raw=value) for value in (p50, p95, p99)],
         Entry(significant(100 * share, 2), raw=share, tone="bad" if share > 1 else "plain"),
         *[_counted(sum(getattr(run, what) for run in runs)) for what in ("deadline_misses", "infeasible")],
         Entry(str(violations := sum(run.violations for run in runs)), raw=violations),
@@ -379,7 +410,7 @@ def levels(found: Sequence[LoggedLevel]) -> Table:
         Column("run", wrap=True),
         Column("level"),
         Column("agrees"),
-        Column("RMS difference, ✗ above what is allowed", wrap=True),
+        Column("RMS difference (allowed)", wrap=True),
         Column("why", wrap=True),
     ]
     rows = [_level_row(one) for own in levels_by_run(found).values() for one in own]
@@ -396,7 +427,7 @@ def _level_row(one: LoggedLevel) -> list[Entry]:
     who = None if one.controller is None else controller_name(one.controller)
     sizes = [level_text(name, size, one.allowed.get(name)) for name, size in one.rms.items()]
     return [
-        Entry(one.run),
+        Entry(shorten(one.run, 60), raw=one.run),
         Entry(f"{one.level}: {LEVELS[one.level]}", detail=who),
         Entry(said, tone=tone, badge=True),
         Entry("; ".join(sizes) or NONE),
@@ -407,9 +438,9 @@ def _level_row(one: LoggedLevel) -> list[Entry]:
 def level_text(signal: str, size: float, allowed: float | None) -> str:
     """Give the difference of one signal, with what is allowed."""
     factor, unit = level_unit(signal)
-    told = f"{signal.replace('_', ' ')} {significant(factor * size)}"
-    ending = f"\u00a0{unit}" if unit else ""
+    told = f"{signal.replace('_', ' ')} {significant(factor * size, 2)}"
+    told += f"\u00a0{unit}" if unit else ""
     if allowed is None:
-        return f"{told}{ending}"
+        return told
     mark = "✗\u00a0" if size > allowed else ""
-    return f"{mark}{told} of {significant(factor * allowed)}{ending}"
+    return f"{mark}{told} ({significant(factor * allowed, 2)})"
