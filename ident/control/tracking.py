@@ -3,7 +3,7 @@
     e_y = (y - y_r) cos ψ_r - (x - x_r) sin ψ_r,     at the s where (x - x_r) cos ψ_r + (y - y_r) sin ψ_r = 0
 
 Between its samples the path is a cubic (Hermite) through positions and tangents, with heading and curvature
-that run linearly; beyond its ends it runs straight on. Found by Newton's method from where the truck was last,
+that run linearly; beyond its ends it runs straight on. Found by Newton's method from where the truck was,
 so a path may cross itself.
 """
 
@@ -39,7 +39,7 @@ def _point(
         beyond = s - grid[k]
         heading = headings[k]
         return xs[k] + beyond * math.cos(heading), ys[k] + beyond * math.sin(heading), heading, 0.0
-    k = min(max(np.searchsorted(grid, s, side="right") - 1, 0), end - 1)
+    k = min(int(np.searchsorted(grid, s, side="right")), end) - 1
     step = grid[k + 1] - grid[k]
     t = (s - grid[k]) / step
     left = 1.0 - t
@@ -98,6 +98,7 @@ def project(reference: Reference, x: Array, y: Array, near: Array) -> tuple[Arra
         reference.heading,
         reference.curvature,
     )
-    arrays = [np.ascontiguousarray(column, dtype=np.float64) for column in (*table, x, y)]
-    _project(*arrays, out)
+    grid, xs, ys, angles, bends = (np.ascontiguousarray(column, dtype=np.float64) for column in table)
+    at_x, at_y = np.ascontiguousarray(x), np.ascontiguousarray(y)
+    _project(grid, xs, ys, angles, bends, at_x, at_y, out)
     return out[:, 0], out[:, 1], out[:, 2], out[:, 3]
