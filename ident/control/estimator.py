@@ -3,8 +3,8 @@
 A stationary Kalman filter about the nonlinear prediction model: every cycle the model runs from the last
 estimate over the commands in force, and what was measured corrects it. Beside its states it estimates
 constant disturbances (``prediction.DISTURBANCES``), one for each measured motion, so that a controller that
-takes them into account leaves no offset (Pannocchia and Rawlings, AIChE Journal 49, 2003: as many disturbances as
-measurements). Its gains come from the algebraic Riccati equation on a grid of speeds.
+takes them into account leaves no offset (Pannocchia and Rawlings, AIChE Journal 49, 2003: as many
+disturbances as measurements). Its gains come from the algebraic Riccati equation on a grid of speeds.
 
 Dead time is compensated by running the same model on, from the estimate over the commands that are on their
 way. What the angle sensor reads is where prediction begins, so that a wrong dead time spoils no more than

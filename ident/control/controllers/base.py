@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ident.control.controllers.controller import Command, Diagnostics, Measured
 from ident.control.controllers.followed import Followed
+from ident.control.controllers.speed_control import acceleration_for
 from ident.control.estimator import Estimator
 from ident.control.prediction import Prediction
 from ident.control.reference import Reference
@@ -39,6 +40,7 @@ class Situation:
     arc_length, lateral_error, heading_error : of the tracked point at the time of the measurement [m], [rad]
     state : (nx,) in the order of ``Prediction.states`` in time, at ``effective``, with the road's errors
     pose : x, y and heading of the tracked point then [m], [rad]
+    lateness : at ``effective``: time since the first cycle less the stipulated one [s]
     disturbance : (nd,) in the order of ``Prediction.disturbances``
     previous : the requests sent before, of steering [rad] and of acceleration [m/s²]
     """
@@ -51,6 +53,7 @@ class Situation:
     heading_error: float
     state: Array
     pose: tuple[float, float, float]
+    lateness: float
     disturbance: Array
     previous: tuple[float, float]
 
@@ -79,6 +82,7 @@ class Base:
         """Forget all runs before."""
         self.estimator.reset()
         self._followed: Followed | None = None
+        self._clock: float | None = None
 
     def begin(self, measured: Measured, reference: Reference) -> Situation:
         """Estimate, predict and project."""
@@ -102,6 +106,7 @@ class Base:
             now.heading_error,
             state,
             pose,
+            self._lateness(road, measured.time, now.arc_length, effective, then.arc_length),
             estimator.disturbance,
             estimator.sent.last,
         )
@@ -111,6 +116,22 @@ class Base:
         if self._followed is None or self._followed.reference is not reference:
             self._followed = Followed(reference)
         return self._followed
+
+    def _lateness(self, road: Followed, now: float, here: float, effective: float, there: float) -> float:
+        """How much later than stipulated a truck that began on time is at a place [s]."""
+        if self._clock is None:
+            self._clock = now - road.time(here)
+        return effective - self._clock - road.time(there)
+
+    def acceleration(self, situation: Situation, reference: Reference) -> float:
+        """Acceleration request of a controller that steers only [m/s²]."""
+        place, speed = (
+            float(situation.state[self.index[n]]) for n in ("arc_length", "longitudinal_velocity")
+        )
+        row = self.road(reference).row(place)
+        wanted = row["speed"], row["acceleration"]
+        disturbance = float(situation.disturbance[1])
+        return acceleration_for(self.truck.drive, wanted, speed, situation.lateness, disturbance)
 
     def pose(self, state: Array) -> tuple[float, float, float]:
         """x, y and heading of a state in the plane."""

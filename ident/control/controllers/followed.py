@@ -58,6 +58,12 @@ class Followed:
         found: Array = np.interp(np.asarray(arc_length, dtype=np.float64), self._s, self._table[name])
         return found
 
+    def time(self, arc_length: float) -> float:
+        """Stipulated time at an arc length; before and beyond the path the speed of its ends holds [s]."""
+        inside = min(max(arc_length, float(self._s[0])), self.length)
+        row = self.row(inside)
+        return row["time"] + (arc_length - inside) / row["speed"]
+
     def row(self, arc_length: float) -> dict[str, float]:
         """All columns at one arc length."""
         s = self._s
