@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.control.plant import effects_of, engine_of, parameter_names
+from ident.control.simulated import effects_of, engine_of, parameter_names
 from ident.control.truck import Truck
 from ident.dynamics.bicycle import MOUNTING
 from ident.dynamics.engine import Engine
