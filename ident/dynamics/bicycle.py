@@ -162,7 +162,8 @@ def _curve(ports: Ports, axle: str, kind: str | Tyre, slip: Expr) -> Expr:
     known = ports.known
     l_f, l_r = known["cg_to_front_axle"], known["cg_to_rear_axle"]
     load = known["mass"] * GRAVITY / (l_f + l_r) * (l_r if axle == "front" else l_f)
-    return tyre_of(kind).force_at(axle, slip, load)
+    tyre = tyre_of(kind)
+    return tyre.force_at(axle, slip, ports.named(f"{axle}_load", load) if tyre.by_load else load)
 
 
 def wheel_velocity(along: Expr, across: Expr, angle: Expr) -> tuple[Expr, Expr]:

@@ -12,7 +12,7 @@ Every curve is written as a force per load,
     F/F_z = μ sin(C atan(B x - E (B x - atan(B x)))) + S_V/F_z,     x = slip + S_H,     B = (K/F_z)/(C μ),
 
 so that nothing is divided by a load that may be zero: sin(2 atan u) = 2 u/(1 + u²) gives K_y/F_z in a
-closed form. A tyre without load, or lifted, has no force.
+closed form. The load inside a curve is as given; a lifted tyre, whose load is below zero, has no force.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import sympy
 from sympy import Expr
 
-from ident.dynamics.symbols import absolute, choose, sign
+from ident.dynamics.symbols import absolute, choose
 
 Coefficients = Mapping[str, Expr]
 ZERO = sympy.Integer(0)
@@ -138,7 +138,7 @@ def longitudinal_curve(c: Coefficients, contact: Contact) -> Curve:
     friction = load_friction * pressure_friction * (1 - c["PDX3"] * camber**2) * c["LMUX"]
     shape = c["PCX1"] * c["LCX"]
     load_curvature = c["PEX1"] + c["PEX2"] * more + c["PEX3"] * more**2
-    curvature = at_most_one(load_curvature * (1 - c["PEX4"] * sign(slip)) * c["LEX"])
+    curvature = two_sided(load_curvature * c["LEX"], c["PEX4"], slip)
     load_stiffness = (c["PKX1"] + c["PKX2"] * more) * sympy.exp(c["PKX3"] * more)
     stiffness = load_stiffness * (1 + c["PPX1"] * pressure + c["PPX2"] * pressure**2) * c["LKX"]
     shift_force = (c["PVX1"] + c["PVX2"] * more) * c["LVX"] * c["LMUX"]
@@ -156,8 +156,8 @@ def lateral_curve(c: Coefficients, contact: Contact) -> Curve:
     pressure_friction = 1 + c["PPY3"] * pressure + c["PPY4"] * pressure**2
     friction = load_friction * pressure_friction * (1 - c["PDY3"] * camber**2) * c["LMUY"]
     shape = c["PCY1"] * c["LCY"]
-    one_sided = (c["PEY3"] + c["PEY4"] * camber) * sign(slip)
-    curvature = at_most_one((c["PEY1"] + c["PEY2"] * more) * (1 - one_sided) * c["LEY"])
+    load_curvature = (c["PEY1"] + c["PEY2"] * more) * c["LEY"]
+    curvature = two_sided(load_curvature, c["PEY3"] + c["PEY4"] * camber, slip)
     stiffness = lateral_stiffness_per_load(c, contact) * (1 - c["PKY3"] * absolute(camber))
     steady = (c["PVY1"] + c["PVY2"] * more) * c["LVY"]
     thrust = (c["PVY3"] + c["PVY4"] * more) * camber * c["LKG"]
@@ -170,7 +170,7 @@ def lateral_stiffness_per_load(c: Coefficients, contact: Contact) -> Expr:
     """K_y0/F_z [1/rad]: K_y0 = p_Ky1 F_z0' sin(2 atan u), u = F_z/(p_Ky2 F_z0'), without camber."""
     pressure = c["PRESSURE"]
     rise = c["PKY2"] * (1 + c["PPY2"] * pressure)
-    u = contact.pressing / (nominal_load(c) * rise)
+    u = contact.load / (nominal_load(c) * rise)
     return c["PKY1"] * (1 + c["PPY1"] * pressure) * c["LKY"] * 2 / (rise * (1 + u**2))
 
 
@@ -221,12 +221,23 @@ def nominal_load(c: Coefficients) -> Expr:
 
 def load_change(c: Coefficients, contact: Contact) -> Expr:
     """df_z, the load above the nominal one, relative to it."""
-    return contact.pressing / nominal_load(c) - 1
+    return contact.load / nominal_load(c) - 1
 
 
 def bent(stretched: Expr, curvature: Expr) -> Expr:
     """B x - E (B x - atan(B x))."""
     return stretched - curvature * (stretched - sympy.atan(stretched))
+
+
+def two_sided(curvature: Expr, difference: Expr, slip: Expr) -> Expr:
+    """E (1 - d sgn x), at most 1, with the two signs apart, so that no condition holds another.
+
+    At x = 0 either will do: the curve passes through zero there with the same slope for every E.
+    """
+    if difference == 0:
+        return at_most_one(curvature)
+    above, below = (at_most_one(curvature * (1 - side * difference)) for side in (1, -1))
+    return choose((above, slip > 0), otherwise=below)
 
 
 def at_most_one(x: Expr) -> Expr:

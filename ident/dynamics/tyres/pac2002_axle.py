@@ -104,7 +104,7 @@ def pac2002_axle(tyre: Pac2002, tyres: int = 2, free: tuple[str, ...] = FITTED) 
     parameters = tuple(
         Parameter(name, "1", LEAST, LARGEST, 1.0, f"scaling factor: {SCALING[name]}") for name in free
     )
-    return Tyre(KIND, parameters, AxleForce(tyre, tyres, free))
+    return Tyre(KIND, parameters, AxleForce(tyre, tyres, free), by_load=True)
 
 
 def scaling_of(tyre: Pac2002, free: tuple[str, ...] = FITTED) -> dict[str, float]:

@@ -30,11 +30,13 @@ class Tyre:
     parameters : in the order of every vector of them
     lateral_force : (slip_angle [rad], vertical_load [N] of the axle, **parameters) -> force of the axle [N];
         kinds whose parameters are those of one load do not use the load
+    by_load : whether the force depends on the load
     """
 
     kind: str
     parameters: tuple[Parameter, ...]
     lateral_force: Callable[..., Expr]
+    by_load: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
