@@ -15,6 +15,7 @@ from ident.cli.init import init
 from ident.cli.run import run
 from ident.cli.steering import steering
 from ident.cli.tyres import tyres
+from ident.cli.validate import validate
 
 # The matrices of a fit are many and small: a BLAS with threads spends its time waiting for them.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -34,6 +35,7 @@ def main() -> None:
       ident tyres my_logs/
       ident evaluate my_logs/
       ident improve my_logs/
+      ident validate my_logs/
       ident run my_truck.yaml my_logs/
 
     \b
@@ -48,4 +50,5 @@ main.add_command(steering)
 main.add_command(tyres)
 main.add_command(evaluate)
 main.add_command(improve)
+main.add_command(validate)
 main.add_command(run)

@@ -28,9 +28,9 @@ class Show:
     open: bool
 
 
-def logs_argument(command: Command) -> Command:
+def logs_argument(command: Command, *, required: bool = True) -> Command:
     """LOGS: files or folders, checked by the reader and not by click, so that every error reads alike."""
-    return click.argument("logs", nargs=-1, required=True, type=_PATH)(command)
+    return click.argument("logs", nargs=-1, required=required, type=_PATH)(command)
 
 
 def debug_option(command: Command) -> Command:
@@ -49,7 +49,7 @@ def quiet_option(command: Command) -> Command:
     return click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")(command)
 
 
-def run_options(command: Callable[..., None]) -> Callable[..., None]:
+def run_options(command: Callable[..., None], *, logs_required: bool = True) -> Callable[..., None]:
     """Give a command LOGS and the options of every stage, as RunOptions and Show; the rest by their names."""
 
     @functools.wraps(command)
@@ -67,7 +67,7 @@ def run_options(command: Callable[..., None]) -> Callable[..., None]:
 
     for option in reversed([_RECIPE, *_RUN_OPTIONS]):
         gathered = option(gathered)
-    return logs_argument(gathered)
+    return logs_argument(gathered, required=logs_required)
 
 
 def recipe_options(command: Callable[..., None]) -> Callable[..., None]:

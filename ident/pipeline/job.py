@@ -7,7 +7,7 @@ and results of the stages that it uses. That it cannot answer is kept in mind in
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -51,6 +51,8 @@ class Job:
     def prepare(self) -> None:
         """Look at all files that decide on the results, and remove what a killed run had begun.
 
+        Without logs, where a stage takes a model instead, there is nothing to look at.
+
         Raises
         ------
         UnusableLog
@@ -61,6 +63,8 @@ class Job:
         from ident.stages.input_files import input_files
 
         self.store.tidy()
+        if not self.logs:
+            return
         listed = input_files(self.logs, self.recipe.inputs())
         for number, file in enumerate(listed):
             self.context.progress("looking for changes", number, len(listed))
@@ -100,8 +104,9 @@ class Job:
         """
         if name not in self.steps or again:
             stage = STAGES[name]
-            for other in (*stage.helped_by, *stage.needs):
-                self.bring(other)
+            if not stage.given(self.recipe):
+                for other in (*stage.helped_by, *stage.needs):
+                    self.bring(other)
             self.steps[name] = self._brought(name, stage, again=again)
         return self.steps[name]
 
@@ -115,8 +120,10 @@ class Job:
         why = self._why_again(name, made_from)
         try:
             self._refuse_without(stage)
-            results = {other: self.store.read_result(other) for other in (*stage.needs, *stage.helped_by)}
-            output = stage.run(self.logs, self.recipe, self.context, results)
+            used = self._used(stage)
+            results = {other: self.store.read_result(other) for other in used}
+            models = {other: self.store.model_of(used[: place + 1]) for place, other in enumerate(used)}
+            output = stage.run(self.logs, self.recipe, replace(self.context, models=models), results)
         except NotIdentifiable as error:
             if again:
                 raise
@@ -128,9 +135,20 @@ class Job:
     def made_from(self, name: str) -> MadeFrom:
         """Say what decides on the result of a stage; those that it uses are up to date."""
         stage = STAGES[name]
-        needs = {other: self._digest(other) for other in (*stage.needs, *stage.helped_by)}
+        needs = {other: self._digest(other) for other in self._used(stage)}
         more = {what: self.hashes.of(path) for what, path in stage.reads(self.recipe).items()}
         return self._made_from(stage.settings, needs, more)
+
+    def _used(self, stage: Stage) -> list[str]:
+        """Stages whose results a stage is given, those that it needs first."""
+        if stage.given(self.recipe):
+            return []
+        taken = [other for other in stage.takes if self._is_up_to_date(other)]
+        return [*stage.needs, *stage.helped_by, *taken]
+
+    def _is_up_to_date(self, name: str) -> bool:
+        seal = self.store.seals.read(name)
+        return seal is not None and seal.refused is None and seal.made_from == self.made_from(name)
 
     def _made_from(
         self, keys: Sequence[str], needs: dict[str, str | None], more: dict[str, str] | None = None
@@ -150,7 +168,7 @@ class Job:
         return "" if seal is None else made_from.changes(seal.made_from)
 
     def _refuse_without(self, stage: Stage) -> None:
-        for other in stage.needs:
+        for other in () if stage.given(self.recipe) else stage.needs:
             if self.steps[other].state == "refused":
                 raise NotIdentifiable(f"needs `ident {other}`, which cannot answer: {self.steps[other].text}")
 

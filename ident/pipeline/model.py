@@ -15,7 +15,8 @@ def composed(parts: Mapping[str, Part], provenance: Mapping[str, Any]) -> Model:
     """Put the parts of the stages together, in their order.
 
     A key of a part replaces that key of the parts before it as a whole, but for ``noise`` (signal by signal)
-    and the covariance: parameters of other parts stay, as fitted independently of them.
+    and the covariance: parameters of other parts stay, as fitted independently of them. The ratio of the
+    steering stays where the actuator is fitted anew without one.
 
     Parameters
     ----------
@@ -41,8 +42,17 @@ def _joined(model: Model, stage: str, part: Part, provenance: Any) -> dict[str, 
         **new,
         "noise": known.get("noise", {}) | new.get("noise", {}),
         "provenance": known.get("provenance", {}) | {stage: plain(provenance)},
+        **_steering(known, new),
         **_covariances(known, new),
     }
+
+
+def _steering(known: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    """Keep the ratio where a later stage has fitted the same actuator anew, and no ratio."""
+    before, after = known.get("steering"), new.get("steering")
+    if before is None or after is None or after.get("ratio") is not None:
+        return {}
+    return {"steering": {**after, "ratio": before.get("ratio")}} if after["pair"] == before["pair"] else {}
 
 
 def _covariances(known: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:

@@ -18,6 +18,9 @@ class RunOptions:
     out : folder of the outputs, else ``reports/<name of the logs>``
     seed : of what is drawn, such as a split
     against : model file that is compared with what is identified
+    model : model file that is used instead of what is identified
+    quick : a first look instead of the whole answer
+    jobs : processes that work side by side, as many as there are processors where None
     """
 
     recipe: Path | None = None
@@ -26,6 +29,9 @@ class RunOptions:
     out: Path | None = None
     seed: int | None = None
     against: Path | None = None
+    model: Path | None = None
+    quick: bool = False
+    jobs: int | None = None
 
 
 def command_line(command: str, logs: Sequence[Path], options: RunOptions) -> str:
@@ -49,3 +55,7 @@ def _arguments(options: RunOptions) -> Iterator[str]:
         yield from ("--seed", str(options.seed))
     if options.against is not None:
         yield from ("--against", str(options.against))
+    if options.model is not None:
+        yield from ("--model", str(options.model))
+    if options.quick:
+        yield "--quick"

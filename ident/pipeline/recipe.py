@@ -19,6 +19,7 @@ from ident.stages.improve_settings import ImproveSettings
 from ident.stages.inputs import InputSettings
 from ident.stages.steering import SteeringSettings
 from ident.stages.tyre_settings import TyresSettings
+from ident.stages.validate_settings import ValidateSettings
 from ident.yaml_file import check, read_yaml
 
 
@@ -29,6 +30,7 @@ class Recipe(InputSettings):
     tyres: TyresSettings = Field(default_factory=TyresSettings)
     evaluate: EvaluateSettings = Field(default_factory=EvaluateSettings)
     improve: ImproveSettings = Field(default_factory=ImproveSettings)
+    validation: ValidateSettings = Field(default_factory=ValidateSettings, alias="validate")
 
     def inputs(self) -> InputSettings:
         """Give what every stage needs to read the logs."""
@@ -53,7 +55,17 @@ def recipe_for(options: RunOptions) -> Recipe:
         recipe = recipe.model_copy(update={"evaluate": evaluate})
     if recipe.evaluate.against is not None:
         read_model(recipe.evaluate.against)
-    return recipe
+    return _with_model(recipe, options)
+
+
+def _with_model(recipe: Recipe, options: RunOptions) -> Recipe:
+    """Put what the options say of the validation over the recipe."""
+    said: dict[str, Any] = {} if options.model is None else {"model": options.model}
+    said |= {"quick": True} if options.quick else {}
+    validate = recipe.validation.model_copy(update=said)
+    if validate.model is not None:
+        read_model(validate.model)
+    return recipe.model_copy(update={"validation": validate})
 
 
 def _said(options: RunOptions) -> dict[str, Any]:
@@ -80,9 +92,10 @@ def _relative_to(folder: Path, data: dict[str, Any]) -> dict[str, Any]:
         placed["channels"] = [_placed(folder, name) for name in channels]
     elif channels is not None:
         placed["channels"] = _placed(folder, channels)
-    evaluate = data.get("evaluate")
-    if isinstance(evaluate, dict) and isinstance(evaluate.get("against"), str):
-        placed["evaluate"] = {**evaluate, "against": folder / evaluate["against"]}
+    for stage, key in (("evaluate", "against"), ("validate", "model")):
+        said = data.get(stage)
+        if isinstance(said, dict) and isinstance(said.get(key), str):
+            placed[stage] = {**said, key: folder / said[key]}
     return placed
 
 

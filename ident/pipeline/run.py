@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from ident.errors import IdentError, NotIdentifiable, RequirementNotMet
+from ident.errors import IdentError, NotIdentifiable, RequirementNotMet, UsageError
 from ident.pipeline.draw import draw
 from ident.pipeline.job import Job, Step, describe_steps, plain_steps
 from ident.pipeline.lock import locked
 from ident.pipeline.options import Progress, RunOptions, command_line
 from ident.pipeline.output_folder import output_folder
-from ident.pipeline.recipe import recipe_for
+from ident.pipeline.recipe import Recipe, recipe_for
 from ident.pipeline.stages import STAGES
 from ident.pipeline.store import Store
 from ident.stages.output import Context
@@ -49,7 +50,7 @@ def run_stage(stage: str, logs: Sequence[Path], options: RunOptions, progress: P
     with _job(stage, logs, options, progress) as job:
         if "split" in STAGES[stage].settings:
             job.check_split()
-        if STAGES[stage].needs:
+        if STAGES[stage].needs and not STAGES[stage].given(job.recipe):
             job.materialise_split()
         job.bring(stage, again=True)
         draw(job.store, stage, progress)
@@ -92,17 +93,31 @@ def run_recipe(recipe: Path, logs: Sequence[Path], options: RunOptions, progress
 def _job(command: str, logs: Sequence[Path], options: RunOptions, progress: Progress) -> Iterator[Job]:
     """Give what is to be done, with the output folder locked and the inputs looked at."""
     recipe = recipe_for(options)
-    folder = output_folder(options.out, logs)
+    folder = output_folder(options.out, logs or [_model_alone(command, recipe)])
     with locked(folder):
         context = Context(
             command=command_line(command, logs, options),
             date=datetime.now(UTC).isoformat(timespec="seconds"),
             seed=recipe.seed,
             progress=progress,
+            jobs=options.jobs or processors(),
         )
         job = Job(Store(folder), logs, recipe, context)
         job.prepare()
         yield job
+
+
+def _model_alone(command: str, recipe: Recipe) -> Path:
+    """Give the model that stands in for logs, where none are named."""
+    model = recipe.validation.model
+    if command != "validate" or model is None:
+        raise UsageError(f"ident {command} without LOGS: name logs, or a model.yaml with --model")
+    return model
+
+
+def processors() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _with_recipe(options: RunOptions, recipe: Path) -> RunOptions:

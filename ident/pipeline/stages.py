@@ -18,7 +18,14 @@ if TYPE_CHECKING:
 
     from ident.report.page import Page
     from ident.report.recording import Part
-    from ident.results import EvaluateResult, ImproveResult, InfoResult, SteeringResult, TyresResult
+    from ident.results import (
+        EvaluateResult,
+        ImproveResult,
+        InfoResult,
+        SteeringResult,
+        TyresResult,
+        ValidateResult,
+    )
 
 Tables = Mapping[str, "pd.DataFrame"]
 Results = Mapping[str, Any]
@@ -37,6 +44,8 @@ class Stage:
     record : its part of the recording, None where there is nothing to record
     title : of its page, where that can only say why there is no answer
     needs : stages whose results it cannot do without; helped_by : those that it takes where they answer
+    takes : those that it takes only where they are there and up to date: they are not run for it
+    given : whether the recipe gives what those stages would identify: none of them is used then
     settings : keys of the recipe on which its result depends, beside ``align``, ``runs`` and ``seed``
     reads : files on which it depends beside the logs and what applies to them, by what they are
     identifies : whether it answers what the logs were driven for
@@ -51,6 +60,8 @@ class Stage:
     title: str = ""
     needs: tuple[str, ...] = ()
     helped_by: tuple[str, ...] = ()
+    takes: tuple[str, ...] = ()
+    given: Callable[[Recipe], bool] = lambda _: False
     settings: tuple[str, ...] = ()
     reads: Callable[[Recipe], Mapping[str, Path]] = lambda _: {}
     identifies: bool = True
@@ -199,6 +210,37 @@ def _record_improve(result: ImproveResult, tables: Tables) -> Part:
     return improve_part(result, tables)
 
 
+def _validate(
+    logs: Sequence[Path], recipe: Recipe, context: Context, results: Results
+) -> StageOutput[ValidateResult]:
+    from ident.stages.validate import validate
+
+    return validate(logs, recipe.inputs(), recipe.validation, context, tyres=results.get("tyres"))
+
+
+def _describe_validate(result: ValidateResult) -> str:
+    from ident.report.validate_summary import describe_validate
+
+    return describe_validate(result)
+
+
+def _validate_page(result: ValidateResult, tables: Tables) -> Page:
+    from ident.report.pages.validate import validate_page
+
+    return validate_page(result, tables)
+
+
+def _record_validate(result: ValidateResult, tables: Tables) -> Part:
+    from ident.report.recording import validate_part
+
+    return validate_part(result, tables)
+
+
+def _model_of(recipe: Recipe) -> dict[str, Path]:
+    model = recipe.validation.model
+    return {} if model is None else {"model": model}
+
+
 STAGES: dict[str, Stage] = {
     "info": Stage(_info, _describe_info, _info_page, title="Logs", identifies=False),
     "steering": Stage(
@@ -240,6 +282,20 @@ STAGES: dict[str, Stage] = {
         record=_record_improve,
         title="Improvement",
         settings=("improve",),
+    ),
+    "validate": Stage(
+        _validate,
+        _describe_validate,
+        _validate_page,
+        tables=("validate", "validate_reference", "validate_horizon", "validate_logged"),
+        record=_record_validate,
+        title="Validation",
+        needs=("steering", "tyres"),
+        takes=("improve",),
+        given=lambda recipe: recipe.validation.model is not None,
+        settings=("validation",),
+        reads=_model_of,
+        identifies=False,
     ),
 }
 """In the order in which they run; what a stage uses stands before it."""

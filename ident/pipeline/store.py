@@ -26,6 +26,7 @@ from ident.results import (
     InfoResult,
     SteeringResult,
     TyresResult,
+    ValidateResult,
 )
 from ident.stages.output import StageOutput
 
@@ -38,6 +39,7 @@ RESULTS: dict[str, type[Any]] = {
     "tyres": TyresResult,
     "evaluate": EvaluateResult,
     "improve": ImproveResult,
+    "validate": ValidateResult,
 }
 
 _TABLE_NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -125,18 +127,26 @@ class Store:
 
     def write_model(self) -> None:
         """Put ``model.yaml`` together from the parts that are sealed; without one there is no such file."""
-        parts, provenance = {}, {}
-        for stage in RESULTS:
-            seal = self.seals.read(stage)
-            if seal is not None and seal.data is not None:
-                parts[stage] = seal.data
-                provenance[stage] = json.loads(self.result_path(stage).read_bytes())["provenance"]
-        if not parts:
+        if not (parts := self._parts(list(RESULTS))):
             self.model_path.unlink(missing_ok=True)
             return
-        text = model_text(composed(parts, provenance))
+        text = model_text(self._composed(parts))
         if not self.model_path.is_file() or self.model_path.read_bytes() != text.encode():
             self._write_text(self.model_path, text)
+
+    def model_of(self, stages: Sequence[str]) -> Model:
+        """Put together what these stages have identified; an empty model where that is nothing."""
+        return self._composed(self._parts(stages))
+
+    def _parts(self, stages: Sequence[str]) -> dict[str, Any]:
+        seals = {stage: self.seals.read(stage) for stage in RESULTS if stage in stages}
+        return {
+            stage: seal.data for stage, seal in seals.items() if seal is not None and seal.data is not None
+        }
+
+    def _composed(self, parts: dict[str, Any]) -> Model:
+        made = {stage: json.loads(self.result_path(stage).read_bytes())["provenance"] for stage in parts}
+        return composed(parts, made)
 
     def tidy(self) -> None:
         """Remove what a killed run had begun to write."""

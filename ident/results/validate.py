@@ -170,12 +170,16 @@ class LoggedLevel:
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement of the source, examined: whether the runs support it, and the numbers."""
+    """A statement of the source, examined: whether the runs support it, and the numbers.
+
+    difference : of a measure, the controller of the claim less each of ``against``, over the same starts
+    """
 
     claim: str
     holds: Literal["yes", "no", "in part", "undecided"]
     evidence: str
     difference: list[Estimate] = field(default_factory=list)
+    against: list[ControllerName] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

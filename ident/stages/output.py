@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 if TYPE_CHECKING:
     import pandas as pd
 
+    from ident.model_file import Model
+
 Result = TypeVar("Result")
 Progress = Callable[[str, int, int], None]
 
@@ -24,6 +26,8 @@ class Context:
     command : the command line that makes this output again
     date : ISO 8601, the only thing that differs between two equal runs
     loaded : logs that were read already, for the next stage of the same run (``ident.stages.inputs.load``)
+    models : stage that this one uses -> model as it stands after that one
+    jobs : processes that may work side by side
     """
 
     command: str
@@ -31,6 +35,8 @@ class Context:
     seed: int = 0
     progress: Progress = no_progress
     loaded: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    models: Mapping[str, Model] = field(default_factory=dict, repr=False, compare=False)
+    jobs: int = 1
 
 
 @dataclass(frozen=True)
