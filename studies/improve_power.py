@@ -40,6 +40,7 @@ from improve_runs import (  # noqa: E402
     measured,
     motion_data,
     motion_layer,
+    speeds,
     true_parameters,
     typical,
 )
@@ -113,7 +114,9 @@ def layer_of(
     runs = measured(driven, seed)
     if actuator:
         return ActuatorLayer(
-            actuator_runs(runs, driven.truth), steering_ratio=driven.truth.planar.steering_ratio
+            actuator_runs(runs, driven.truth),
+            steering_ratio=driven.truth.planar.steering_ratio,
+            speed=speeds(runs, driven.truth),
         )
     return motion_layer(motion_data(runs, driven.truth))
 

@@ -29,6 +29,7 @@ from truck_runs import run_of, vehicle_of  # noqa: E402
 from ident.estimation.actuator_runs import RunRecords  # noqa: E402
 from ident.estimation.motion_layer import KIND, MotionLayer  # noqa: E402
 from ident.estimation.tyre_start import tyre_starts  # noqa: E402
+from ident.estimation.vehicle_records import Samples  # noqa: E402
 from ident.experiments.steering_data import steering_run  # noqa: E402
 from ident.experiments.stretches import jitter_of  # noqa: E402
 from ident.signals.signal import LoadedLogs  # noqa: E402
@@ -51,6 +52,7 @@ __all__ = [
     "motion_data",
     "motion_layer",
     "noise_floor",
+    "speeds",
     "true_parameters",
     "typical",
 ]
@@ -112,3 +114,9 @@ def actuator_runs(runs: Mapping[str, MotionSet], truth: Truth) -> list[RunRecord
         records = [actuator_record(found.stretches[index]) for index in found.excited]
         made.append(RunRecords(run.name, records, jitter_of(found.measured.time)))
     return made
+
+
+def speeds(runs: Mapping[str, MotionSet], truth: Truth) -> dict[str, Samples]:
+    """Return the logged speed of every run [m/s]."""
+    signals = {run.name: run.signals["speed"] for run in loaded_runs(runs, truth).runs}
+    return {name: Samples(one.time, one.values) for name, one in signals.items()}

@@ -1,13 +1,13 @@
 """What the actuator may lack, as directions: the change of the modelled angle that goes with one size of it.
 
 Effects of the catalogue are tried at several sizes, because a play or a limit is no small term but another
-shape at each size: the direction is the whole difference that it makes. The generic basis is added to the
-request, and then goes through the actuator, and to the measured angle itself.
+shape at each size: the direction is the whole difference that it makes. Beside them stand the generic terms
+of :mod:`ident.estimation.actuator_terms` and steps of the angle.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,27 +15,16 @@ from numpy.typing import NDArray
 
 from ident.dynamics.effects.actuator_effect import ActuatorEffect, Excitation
 from ident.estimation.actuator_effects import EffectsProblem, with_effects
-from ident.estimation.actuator_likelihood import ActuatorRecord
+from ident.estimation.actuator_likelihood import ActuatorRecord, Push
+from ident.estimation.actuator_terms import STEP, pushes, stepped
 from ident.estimation.output_error import Fit
 from ident.estimation.vehicle_records import Samples
 
 Array = NDArray[np.float64]
-Term = Callable[[Array, Array], Array]
 
 NEVER = 1e9  # times the largest rate: a limit that is none
 STEP_EVERY = 2.0  # [s]
 MOST_STEPS = 60
-RESTING = 1e-3  # of the largest rate: no sign
-
-# Of a value and its rate, both over their largest size.
-BASIS: dict[str, Term] = {
-    "|u|": lambda u, _: np.abs(u),
-    "u|u|": lambda u, _: u * np.abs(u),
-    "u^3": lambda u, _: u**3,
-    "sgn u'": lambda _, rate: np.where(np.abs(rate) > RESTING, np.sign(rate), 0.0),
-    "|u'| u": lambda u, rate: np.abs(rate) * u,
-    "u'|u'|": lambda _, rate: rate * np.abs(rate),
-}
 
 
 @dataclass(frozen=True)
@@ -58,14 +47,15 @@ def effect_directions(
     problem: EffectsProblem, fit: Fit, effect: ActuatorEffect, seen: Excitation
 ) -> Iterator[Direction]:
     """An effect that is not in the fit, at several sizes; a limit within either of the lags."""
-    added = EffectsProblem(problem.records, problem.runs, (*problem.effects, effect), scale=problem.scale)
-    own = list(problem.sizes(fit.shared).values())
+    added = problem.with_effect(effect)
+    own = problem.sizes(fit.shared)
     base = fit.shared[: problem.first_size]
     sides = (1.0, -1.0) if effect.place == "rate" else (1.0,)
     for side in sides:
 
         def angles(size: float, side: float = side) -> list[Array]:
-            shared = with_effects(base, added, [*own, size], skewed=problem.limited, side=side)
+            sizes = {**own, effect.name: size}
+            shared = with_effects(base, added, sizes, skewed=problem.limited, side=side)
             pairs = zip(added.records, fit.local, strict=True)
             return [added.respond(record, shared, local).angle for record, local in pairs]
 
@@ -78,43 +68,31 @@ def effect_directions(
 def basis_directions(
     problem: EffectsProblem, fit: Fit, speed: Sequence[Samples | None]
 ) -> Iterator[Direction]:
-    """The generic basis, added to the request and to the angle.
+    """The generic terms that are not in the fit, and steps; the size is their coefficient.
 
     speed : of the run of each record [m/s], None where not known
     """
-    requests = [(r.command_times, r.command_values) for r in problem.records]
-    added = _terms(problem.records, requests, speed)
-    columns = [np.column_stack(list(terms)) for terms in zip(*added.values(), strict=True)]
-    triples = list(zip(problem.records, fit.local, columns, strict=True))
+    known = pushes(problem, fit.shared, fit.local, speed)
+    added = {key: parts for key, parts in known.items() if key not in problem.terms}
+    driven = {key: [_request(one) for one in parts] for key, parts in added.items() if parts[0].angle is None}
+    columns = [np.column_stack(parts) for parts in zip(*driven.values(), strict=True)]
+    triples = zip(problem.records, fit.local, columns, strict=True)
     answers = [problem.respond(record, fit.shared, local, extra) for record, local, extra in triples]
-    for number, name in enumerate(added):
-        yield Direction(f"request: {name}", None, [answer.extra[:, number] for answer in answers])
-    angles = [(r.times, a.column) for r, a in zip(problem.records, answers, strict=True)]
-    for name, values in _terms(problem.records, angles, speed).items():
-        yield Direction(f"angle: {name}", None, values)
-    yield from _steps(problem.records)
+    for number, key in enumerate(driven):
+        yield Direction(key, None, [answer.extra[:, number] for answer in answers])
+    for key, parts in added.items():
+        if key not in driven:
+            yield Direction(key, None, [_angle(one) for one in parts])
+    if STEP not in problem.terms:
+        yield from _steps(problem.records)
 
 
-def _terms(
-    records: Sequence[ActuatorRecord],
-    signals: Sequence[tuple[Array, Array]],
-    speed: Sequence[Samples | None],
-) -> dict[str, list[Array]]:
-    """Each term of the basis, for a signal (times, values) of each record."""
-    rates = [np.gradient(values, times) for times, values in signals]
-    largest = max(float(np.abs(values).max()) for _, values in signals) or 1.0
-    fastest = max(float(np.abs(rate).max()) for rate in rates) or 1.0
-    scaled = [(v / largest, rate / fastest) for (_, v), rate in zip(signals, rates, strict=True)]
-    made = {name: [term(*one) for one in scaled] for name, term in BASIS.items()}
-    end = max(float(record.times[-1]) for record in records)
-    made["t"] = [times / end for times, _ in signals]
-    if all(one is not None for one in speed):
-        made["v u"] = [
-            values * np.interp(times, one.times, one.values)
-            for (times, _), (values, _), one in zip(signals, scaled, speed, strict=True)
-            if one is not None
-        ]
-    return made
+def _request(one: Push) -> Array:
+    return np.zeros(0) if one.request is None else one.request
+
+
+def _angle(one: Push) -> Array:
+    return np.zeros(0) if one.angle is None else one.angle
 
 
 def _steps(records: Sequence[ActuatorRecord]) -> Iterator[Direction]:
@@ -125,5 +103,5 @@ def _steps(records: Sequence[ActuatorRecord]) -> Iterator[Direction]:
     every = max(STEP_EVERY, total / MOST_STEPS)
     for run, end in ends.items():
         for time in np.arange(begins[run] + every, end - every / 2, every).tolist():
-            values = [((r.run == run) & (r.times >= time)).astype(np.float64) for r in records]
-            yield Direction("angle: step", None, values, {"run": float(run), "time": time})
+            values = [_angle(one) for one in stepped(records, run, time)]
+            yield Direction(STEP, None, values, {"run": float(run), "time": time})

@@ -1,17 +1,19 @@
 """The steering actuator with effects as an output-error problem, for any number of them at once.
 
-theta = (K, L, a1, shape, bias of each run, size of each effect). Sizes are not taken as logarithms: the
-angle is linear in them piece by piece (w / 2 to one side, ρ t, K d), and no effect at all lies within
-reach. The shape is rho = T1 T2 / a1² as in ``actuator_likelihood``; with a limited rate, which needs real
-lags in a known order, it is the skew (T1 - T2) / a1 between -1 and 1, whose sign says which of the lags is
-limited. Local to a record are those of ``actuator_likelihood`` (initial angle and rate, command before the
-first and how early the first took effect, lost commands) and the place of the column within its play when
-the record began, as a part of the width: it is somewhere, with equal chance.
+theta = (K, L, a1, shape, bias of each run, size of each effect, coefficient of each generic term). Sizes are
+not taken as logarithms: the angle is linear in them piece by piece (w / 2 to one side, ρ t, K d), and no
+effect at all lies within reach. What a unit of a generic term adds is given with each record, to the commands
+(after what effects make of them) or to the angle, and does not depend on theta. The shape is
+rho = T1 T2 / a1² as in ``actuator_likelihood``; with a limited rate, which needs real lags in a known order,
+it is the skew (T1 - T2) / a1 between -1 and 1, whose sign says which of the lags is limited. Local to a
+record are those of ``actuator_likelihood`` (initial angle and rate, command before the first and how early the
+first took effect, lost commands) and the place of the column within its play when the record began, as a
+part of the width: it is somewhere, with equal chance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -87,22 +89,35 @@ class EffectsProblem:
         effects: Sequence[ActuatorEffect] = (),
         *,
         scale: float = 1.0,
+        terms: Sequence[str] = (),
     ) -> None:
         """Take the records: at least one, each with at least one sample, of ``runs`` runs in all.
 
         scale : sizes of the effects here over those at the road wheels
+        terms : generic terms, which every record knows
         """
         self.records = list(records)
         self.runs = runs
         self.effects = tuple(effects)
         self.scale = scale
         self.limited = any(effect.place == "rate" for effect in effects)
+        self.terms = tuple(terms)
         self.first_size = BIAS + runs
+        self.first_term = self.first_size + len(self.effects)
+
+    def with_effect(self, effect: ActuatorEffect) -> EffectsProblem:
+        """The same with one more effect."""
+        effects = (*self.effects, effect)
+        return EffectsProblem(self.records, self.runs, effects, scale=self.scale, terms=self.terms)
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Names of the effects, then the terms."""
+        return (*(effect.name for effect in self.effects), *self.terms)
 
     def sizes(self, shared: Array) -> dict[str, float]:
-        """Size of each effect, by name."""
-        values = shared[self.first_size :].tolist()
-        return {effect.name: size for effect, size in zip(self.effects, values, strict=True)}
+        """Size of each effect and coefficient of each term, by name."""
+        return dict(zip(self.keys, shared[self.first_size :].tolist(), strict=True))
 
     def inside(self, shared: Array) -> Array:
         """Clip to the physical region."""
@@ -158,7 +173,7 @@ class EffectsProblem:
 
     def lags(self, shared: Array) -> Lags:
         """The dynamics at some parameters."""
-        sizes = shared[self.first_size :]
+        sizes = shared[self.first_size : self.first_term]
         made = by_skew(*shared[[SUM, SKEW]]) if self.limited else by_ratio(*shared[[SUM, RATIO]])
         for effect, size in zip(self.effects, sizes, strict=True):
             if effect.place == "rate":
@@ -174,7 +189,8 @@ class EffectsProblem:
 
         added : (m, e) directions that are added to the request, after what effects make of it
         """
-        extra = np.zeros((record.command_values.size, 0)) if added is None else added
+        pushes = self._pushes(record)
+        extra = pushes if added is None else np.column_stack([pushes, added])
         lags = self.lags(shared)
         slack = float(local[SLACK])
         first = local[ANGLE] + lags.width * slack
@@ -192,6 +208,12 @@ class EffectsProblem:
         out, by = nonlinear_response(lags, shared[DEAD_TIME], command, record.times, start)
         return self._response(record, shared, out, by, extra.shape[1])
 
+    def _pushes(self, record: ActuatorRecord) -> Array:
+        """(m, t) what a unit of each term adds to the commands."""
+        known = [record.terms[key].request for key in self.terms]
+        columns = [np.zeros(record.command_values.size) if one is None else one for one in known]
+        return np.column_stack(columns) if columns else np.zeros((record.command_values.size, 0))
+
     def _drive(
         self, record: ActuatorRecord, shared: Array, local: Array, extra: Array
     ) -> tuple[Array, Array]:
@@ -205,6 +227,7 @@ class EffectsProblem:
             request, by_size, by_request = _mapped(effect, request, size)
             by[1:, _REQUEST : _REQUEST + place] *= by_request[:, None]
             by[1:, _REQUEST + place] = shared[GAIN] * by_size
+        request = request + extra[:, : len(self.terms)] @ shared[self.first_term :]
         values = np.concatenate([[0.0], shared[GAIN] * request])
         by[1:, _GAIN] = request
         first_extra = _REQUEST + len(maps) + lost.size
@@ -230,8 +253,14 @@ class EffectsProblem:
             else:
                 role = LIMIT_ROLE if effect.place == "rate" else WIDTH_ROLE
                 jacobian[:, number] = by[:, role]
+        first = by.shape[1] - extra
+        angle = out[:, 0].copy()
+        for number, key in enumerate(self.terms):
+            column, push = by[:, first + number], record.terms[key].angle
+            jacobian[:, self.first_term + number] = column if push is None else column + push
+            angle += 0.0 if push is None else shared[self.first_term + number] * push
         local = np.column_stack([by[:, [_ANGLE, _RATE, _AHEAD, SHIFT_ROLE, _SLACK]], by[:, lost]])
-        return Response(out[:, 0], out[:, 1], out[:, 2], jacobian, local, by[:, by.shape[1] - extra :])
+        return Response(angle, out[:, 1], out[:, 2], jacobian, local, by[:, first + len(self.terms) :])
 
 
 def _mapped(effect: ActuatorEffect, request: Array, size: float) -> tuple[Array, Array, Array]:
@@ -241,11 +270,16 @@ def _mapped(effect: ActuatorEffect, request: Array, size: float) -> tuple[Array,
 
 
 def with_effects(
-    shared: Array, problem: EffectsProblem, sizes: Sequence[float], *, skewed: bool = False, side: float = 1.0
+    shared: Array,
+    problem: EffectsProblem,
+    sizes: Mapping[str, float],
+    *,
+    skewed: bool = False,
+    side: float = 1.0,
 ) -> Array:
     """Parameters of a problem from those without sizes (K, L, a1, shape, biases).
 
-    sizes : of all effects of the problem
+    sizes : of all effects of the problem, by name; coefficients of its terms, zero where not among them
     skewed : whether the shape is the skew already, and not T1 T2 / a1²
     side : sign of the skew that it becomes
     """
@@ -254,4 +288,6 @@ def with_effects(
         base[SKEW] = side * max(float(np.sqrt(max(1 - 4 * base[RATIO], 0.0))), FIRST_SKEW)
     elif skewed and not problem.limited:
         base[RATIO] = (1 - base[SKEW] ** 2) / 4
-    return np.concatenate([base, sizes])
+    names = [effect.name for effect in problem.effects]
+    own = [sizes[name] for name in names] + [sizes.get(key, 0.0) for key in problem.terms]
+    return np.concatenate([base, own])

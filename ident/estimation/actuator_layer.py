@@ -34,6 +34,7 @@ from ident.estimation.actuator_likelihood import (
 )
 from ident.estimation.actuator_runs import FEWEST_SAMPLES, FIRST_DEAD_TIME, RunRecords
 from ident.estimation.actuator_scores import Bins, record_likelihood
+from ident.estimation.actuator_terms import STEP, pushes, stepped
 from ident.estimation.elimination import damped_solution, with_priors
 from ident.estimation.layer import EffectCard, HeldOut, LayerFit
 from ident.estimation.noise import AutoRegression, ContinuousAr1, Linearised, NoiseModel, NoiseShape
@@ -94,6 +95,7 @@ class ActuatorLayer:
         self.all_runs = list(self._records)
         self.runs = list(self._records)
         self.not_testable: list[Refusal] = []
+        self.terms: tuple[str, ...] = ()
 
     def without(self, runs: Sequence[str]) -> ActuatorLayer:
         """See :class:`~ident.estimation.layer.Layer`; what is left out can still be asked for as held out."""
@@ -107,8 +109,13 @@ class ActuatorLayer:
         return [replace(r, run=index) for index, name in enumerate(runs) for r in self._records[name]]
 
     def _problem(self, keys: Sequence[str]) -> EffectsProblem:
-        records = self._records_of(self.runs)
-        return EffectsProblem(records, len(self.runs), named_effects(keys), scale=self.scale)
+        return self._problem_of(self.runs, keys)
+
+    def _problem_of(self, runs: Sequence[str], keys: Sequence[str]) -> EffectsProblem:
+        """Some runs with effects and generic terms."""
+        effects = named_effects([key for key in keys if key not in self.terms])
+        terms = [key for key in keys if key in self.terms]
+        return EffectsProblem(self._records_of(runs), len(runs), effects, scale=self.scale, terms=terms)
 
     @cached_property
     def _base(self) -> ActuatorLayerFit:
@@ -130,8 +137,7 @@ class ActuatorLayer:
         given = start if isinstance(start, ActuatorLayerFit) and start.keys else None
         problem = self._problem(keys)
         begun = self._begun(keys, given, shapes or {})
-        sizes = [begun.sizes[key] for key in keys]
-        shared = with_effects(begun.shared, problem, sizes, skewed=begun.skewed)
+        shared = with_effects(begun.shared, problem, begun.sizes, skewed=begun.skewed)
         local = problem.start(shared) if begun.local is None else begun.local
         if PLAY in keys:
             pairs = zip(problem.records, local, strict=True)
@@ -149,21 +155,22 @@ class ActuatorLayer:
         there = [key for key in own if key in keys]
         rest = [key for key in ACTUATOR_EFFECTS if key in keys and key not in there]
         base = self._base
-        begins = [_Begun(base.fit.shared, base.fit.local, own, skewed=False)] if rest else []
+        new = rest or given is None
+        begins = [_Begun(base.fit.shared, base.fit.local, own, skewed=False)] if new else []
         if given is not None:
             same = given.fit.local if given.runs == tuple(self.runs) else None
             begins.append(_Begun(self._linear_part(given), same, own, skewed=given.problem.limited))
         elif LIMIT in rest and base.rms()[self.signal] > POOR * self._spread:
             begins += [_Begun(_obedient(base.fit.shared, *x), None, own, skewed=False) for x in OBEDIENT]
         if not rest:
-            return self._best(there, begins, [()])
+            return self._best(there, begins, [{}])
         for key in rest:
             there.append(key)
-            begins = [self._best(there, begins, [(size,) for size in self._sizes(key, shapes)])]
+            begins = [self._best(there, begins, [{key: size} for size in self._sizes(key, shapes)])]
         return begins[0]
 
     def _best(
-        self, names: Sequence[str], begins: Sequence[_Begun], sizes: Sequence[tuple[float, ...]]
+        self, names: Sequence[str], begins: Sequence[_Begun], sizes: Sequence[Mapping[str, float]]
     ) -> _Begun:
         """The best of all beginnings after some iterations; what joins the known effects has these sizes."""
         problem, noise = self._problem(names), self._base.fit.noise
@@ -172,7 +179,7 @@ class ActuatorLayer:
             for side in (1.0, -1.0) if problem.limited and not begin.skewed else (1.0,):
                 own = []
                 for size in sizes:
-                    both = [*(begin.sizes[name] for name in names if name in begin.sizes), *size]
+                    both = {**begin.sizes, **size}
                     x = with_effects(begin.shared, problem, both, skewed=begin.skewed, side=side)
                     local = problem.start(x) if begin.local is None else begin.local
                     x = problem.inside(x)
@@ -232,15 +239,41 @@ class ActuatorLayer:
         shape = fit_autoregression(records, like)
         return capped if shape.largest_pole() > slowest else shape
 
-    def with_term(self, key: str, at: Mapping[str, float], fit: LayerFit) -> None:
-        """See :class:`~ident.estimation.layer.Layer`; generic terms are not fitted here."""
+    def with_term(self, key: str, at: Mapping[str, float], fit: LayerFit) -> ActuatorLayer | None:
+        """See :class:`~ident.estimation.layer.Layer`; its function is that of the angle of the fit."""
+        fit = _own(fit)
+        runs = list(self._records)
+        problem, shared, local = self._at(fit, runs)
+        if key == STEP:
+            run, time = runs.index(fit.runs[int(at["run"])]), at["time"]
+            parts = stepped(problem.records, run, time)
+        else:
+            speed = [self.speed.get(runs[record.run]) for record in problem.records]
+            parts = pushes(problem, shared, local, speed).get(key, [])
+        if not parts:
+            return None
+        added = [
+            replace(r, terms={**r.terms, key: one}) for r, one in zip(problem.records, parts, strict=True)
+        ]
+        made = object.__new__(ActuatorLayer)
+        made.__dict__.update(vars(self))
+        made._records = {name: [r for r in added if runs[r.run] == name] for name in runs}
+        made.terms = tuple(dict.fromkeys([*self.terms, key]))
+        return made
+
+    def _at(self, fit: ActuatorLayerFit, runs: Sequence[str]) -> tuple[EffectsProblem, Array, list[Array]]:
+        """Some runs with the model of a fit, its parameters, and the local ones that suit it best."""
+        problem = self._problem_of(runs, fit.keys)
+        sizes = fit.fit.shared[fit.problem.first_size :]
+        shared = np.concatenate([fit.fit.shared[:BIAS], _biases(fit, runs), sizes])
+        if tuple(runs) == fit.runs:
+            return problem, shared, list(fit.fit.local)
+        return problem, shared, [_settled(problem, r, shared, fit.fit.noise)[0] for r in problem.records]
 
     def held_out(self, fit: LayerFit, runs: Sequence[str]) -> HeldOut:
         """See :class:`~ident.estimation.layer.Layer`; the bias of a new run is the mean of the fit's runs."""
-        if not isinstance(fit, ActuatorLayerFit):
-            raise TypeError("a fit of another layer")
-        records = self._records_of(runs)
-        problem = EffectsProblem(records, len(runs), fit.problem.effects, scale=self.scale)
+        fit = _own(fit)
+        problem, records = self._problem_of(runs, fit.keys), self._records_of(runs)
         sizes = fit.fit.shared[fit.problem.first_size :]
         shared = np.concatenate([fit.fit.shared[:BIAS], _biases(fit, runs), sizes])
         parts = [_settled(problem, record, shared, fit.fit.noise)[1] for record in records]
@@ -325,6 +358,13 @@ def _obedient(linear: Array, gain: float, total: float) -> Array:
     made[[GAIN, SUM, RATIO]] = gain, total, FIRST_RATIO
     made[DEAD_TIME] = max(made[DEAD_TIME], 0.0)
     return made
+
+
+def _own(fit: LayerFit) -> ActuatorLayerFit:
+    """The same, known to be of the actuator."""
+    if not isinstance(fit, ActuatorLayerFit):
+        raise TypeError("a fit of another layer")
+    return fit
 
 
 def _biases(fit: ActuatorLayerFit, runs: Sequence[str]) -> Array:

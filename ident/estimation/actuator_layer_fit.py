@@ -51,16 +51,16 @@ class ActuatorLayerFit:
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Names of the effects."""
-        return tuple(effect.name for effect in self.problem.effects)
+        """Names of the effects, then of the generic terms."""
+        return self.problem.keys
 
     @property
     def freedom(self) -> int:
-        """One size an effect."""
-        return len(self.problem.effects)
+        """One size an effect, one coefficient a term."""
+        return len(self.problem.keys)
 
     def sizes(self) -> dict[str, float]:
-        """Size of each effect."""
+        """Size of each effect, coefficient of each term."""
         return self.problem.sizes(self.fit.shared)
 
     @cached_property
@@ -156,8 +156,9 @@ class ActuatorLayerFit:
         return self.sizes()[key]
 
     def term(self, key: str) -> tuple[float, float]:
-        """See :class:`~ident.estimation.layer.LayerFit`; no generic term is fitted here."""
-        raise KeyError(key)
+        """See :class:`~ident.estimation.layer.LayerFit`."""
+        index = self.problem.first_size + self.keys.index(key)
+        return float(self.fit.shared[index]), float(np.sqrt(self.fit.covariance[index, index]))
 
     def renoised(self) -> Self:
         """See :class:`~ident.estimation.layer.LayerFit`; its noise is that of what it leaves already."""

@@ -19,7 +19,7 @@ likelihood, because they are far from parabolic near critical damping and near T
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -40,6 +40,17 @@ REST_LAG = 0.5  # [s] by which an output that creeps at some rate is behind its 
 
 
 @dataclass(frozen=True)
+class Push:
+    """What a unit of a generic term adds to a record.
+
+    request : (m,) to its commands, None where nothing; angle : (n,) to the modelled angle, None likewise
+    """
+
+    request: Array | None = None
+    angle: Array | None = None
+
+
+@dataclass(frozen=True)
 class ActuatorRecord:
     """One uninterrupted stretch of request and measured angle.
 
@@ -53,6 +64,7 @@ class ActuatorRecord:
     rest_rate : standard deviation of the rate that an output "at rest" may have had when the record began
         [rad/s]; infinite where it was not at rest: the first samples, up to the dead time, then answer to
         commands that nobody knows, see :func:`without_unknown_head`
+    terms : generic term -> what a unit of it adds here; of those that models may have
     """
 
     run: int
@@ -64,6 +76,7 @@ class ActuatorRecord:
     lost: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     start_uncertainty: float = 0.0
     rest_rate: float = np.inf
+    terms: Mapping[str, Push] = field(default_factory=dict)
 
     @property
     def first(self) -> float:

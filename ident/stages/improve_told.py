@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import sympy
 from numpy.typing import NDArray
 
 from ident.dynamics.effects.catalogue import CATALOGUE, not_built
@@ -29,43 +28,14 @@ from ident.results import (
     Refusal,
 )
 from ident.stages.improve_held_out import Compared
+from ident.stages.improve_terms import equation_with_term, unit_of_term
 
 Array = NDArray[np.float64]
 
 Z = 1.959964
 HALVES = 200  # half-samples of blocks in which a discovered term is looked for again
-EQUATIONS = ("lateral_force", "front_tyre", "yaw_moment", "request", "angle")
-UNITS = {"lateral_force": "m/s^2", "front_tyre": "m/s^2", "yaw_moment": "rad/s^2"}
 STRONGER_WHERE_SMALLER = ("steering_rate_limit",)
 BLOCK = 10.0  # [s] of them
-_U, _R, _A, _V, _PSI = sympy.symbols("u r a v psi")
-TERMS = {
-    "1": sympy.Integer(1),
-    "t": sympy.Symbol("t"),
-    "u": _U,
-    "|u|": sympy.Abs(_U),
-    "u|u|": _U * sympy.Abs(_U),
-    "u^3": _U**3,
-    "v": _V,
-    "v u": _V * _U,
-    "cos(heading)": sympy.cos(_PSI),
-    "sin(heading)": sympy.sin(_PSI),
-    "r|r|": _R * sympy.Abs(_R),
-    "a|a|": _A * sympy.Abs(_A),
-    "x": sympy.Symbol("x"),
-    "y": sympy.Symbol("y"),
-}
-"""Terms of the basis as they are typeset: u steering angle, r yaw rate, a lateral acceleration."""
-TERM_UNITS = {
-    **dict.fromkeys(("u", "|u|"), "rad"),
-    "u|u|": "rad^2",
-    "u^3": "rad^3",
-    "v": "m/s",
-    "v u": "rad m/s",
-    "r|r|": "rad^2/s^2",
-    "a|a|": "m^2/s^4",
-    **dict.fromkeys(("x", "y"), "m"),
-}
 SEEN = 0.02  # of the power above noise, below which an equation is not listed
 
 
@@ -289,29 +259,16 @@ def discovered(
     scores = next(one.scores for one in gate.layers if one.scores.layer == layer)
     equation, _, term = score.key.partition(": ")
     value, std = found.fits[layer].term(score.key)
-    per = TERM_UNITS.get(term)
-    unit = UNITS[equation] + (f" per {per}" if per else "")
+    unit = unit_of_term(equation, term)
     return Discovered(
         equation=equation,
         term=term,
-        mathml=mathml(_typeset(equation, term)),
+        mathml=mathml(equation_with_term(equation, term)),
         coefficient=Estimate(value, std, value - Z * std, value + Z * std, unit),
         p_value=score.p_value,
         stability=_stability(scores, score.key, seed),
         share=_share(parts, layer, found),
     )
-
-
-def _typeset(equation: str, term: str) -> sympy.Basic:
-    """The equation with the term, such as I_z dr/dt = ... + c r|r|."""
-    time, coefficient = sympy.Symbol("t"), sympy.Symbol("c")
-    written = TERMS.get(term, sympy.Symbol("f"))
-    rate = sympy.Derivative(sympy.Function("r")(time), time)
-    if equation == "yaw_moment":
-        return sympy.Eq(rate, sympy.Symbol("M") / sympy.Symbol("I_z") + coefficient * written, evaluate=False)
-    side = sympy.Symbol("a_y") if equation == "lateral_force" else sympy.Symbol("F_f") / sympy.Symbol("m")
-    force = sympy.Symbol("Y") if equation == "lateral_force" else sympy.Symbol("F_tyre")
-    return sympy.Eq(side, force / sympy.Symbol("m") + coefficient * written, evaluate=False)
 
 
 def _stability(scores: LayerScores, key: str, seed: int) -> float:

@@ -220,7 +220,7 @@ def test_derivatives_of_the_problem_agree_with_differences(names: tuple[str, ...
     records[0] = replace(records[0], lost=np.array([200, 201]))
     problem = EffectsProblem(records, 2, named_effects(names), scale=20.0)
     base = np.array([0.95, 0.1043, 0.28, 0.19, 0.0, 0.01])
-    shared = with_effects(base, problem, [TRUE[name] for name in names])
+    shared = with_effects(base, problem, TRUE)
     local = [np.concatenate([[0.03, 0.1, 0.02, 0.003, 0.2], 0.07 * np.ones(r.lost.size)]) for r in records]
     exact = problem.linearise(shared, local)
     for index in range(shared.size):
