@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ident.control.reference import Reference
+from ident.control.tracking import project
 
 Array = NDArray[np.float64]
 
 BEHIND, BEYOND = 10.0, 40.0  # [m] about the last arc length in which the nearest point is looked for
-NEWTON_STEPS = 3
 COLUMNS = (
     "heading",
     "curvature",
@@ -45,7 +44,6 @@ class Followed:
         self.reference = reference
         self._table = {name: np.asarray(getattr(reference, name), dtype=np.float64) for name in COLUMNS}
         self._s = np.asarray(reference.arc_length, dtype=np.float64)
-        self._direction = np.cos(reference.heading), np.sin(reference.heading)
         self._last: float | None = None
 
     @property
@@ -78,18 +76,12 @@ class Followed:
 
         x, y [m], heading [rad] : of the tracked point; near : arc length to begin from [m]
         """
-        begin = self._last if near is None else near
-        s = self._nearest_sample(x, y, begin)
-        for _ in range(NEWTON_STEPS):
-            px, py, angle, curvature = self._point(s)
-            along = (x - px) * math.cos(angle) + (y - py) * math.sin(angle)
-            across = (y - py) * math.cos(angle) - (x - px) * math.sin(angle)
-            s += along / max(1.0 - curvature * across, 0.1)
+        begin = self._nearest_sample(x, y, self._last if near is None else near)
+        found = project(self.reference, np.array([x]), np.array([y]), np.array([begin]))
+        s, across, along, _ = (float(part[0]) for part in found)
         if near is None:
             self._last = s
-        px, py, angle, _ = self._point(s)
-        across = (y - py) * math.cos(angle) - (x - px) * math.sin(angle)
-        return Projected(s, across, heading - angle)
+        return Projected(s, across, heading - along)
 
     def _nearest_sample(self, x: float, y: float, near: float | None) -> float:
         low, high = 0, self._s.size
@@ -99,22 +91,3 @@ class Followed:
         xs, ys = self._table["position_x"][low:high], self._table["position_y"][low:high]
         away = (xs - x) ** 2 + (ys - y) ** 2
         return float(self._s[low + int(np.argmin(away))])
-
-    def _point(self, s: float) -> tuple[float, float, float, float]:
-        """x, y, heading and curvature: cubic (Hermite) between samples, straight beyond the ends."""
-        table, grid = self._table, self._s
-        k = min(max(int(np.searchsorted(grid, s, side="right")) - 1, 0), grid.size - 2)
-        step = grid[k + 1] - grid[k]
-        t = (s - grid[k]) / step
-        xs, ys, angles, bends = (table[n] for n in ("position_x", "position_y", "heading", "curvature"))
-        cosine, sine = self._direction
-        if t < 0.0 or t > 1.0:
-            end = 0 if t < 0.0 else grid.size - 1
-            beyond = s - grid[end]
-            return xs[end] + beyond * cosine[end], ys[end] + beyond * sine[end], angles[end], 0.0
-        a, b = (1 + 2 * t) * (1 - t) ** 2, t * t * (3 - 2 * t)
-        c, d = step * t * (1 - t) ** 2, step * t * t * (t - 1)
-        px = a * xs[k] + b * xs[k + 1] + c * cosine[k] + d * cosine[k + 1]
-        py = a * ys[k] + b * ys[k + 1] + c * sine[k] + d * sine[k + 1]
-        angle = angles[k] + t * (angles[k + 1] - angles[k])
-        return float(px), float(py), float(angle), float(bends[k] + t * (bends[k + 1] - bends[k]))

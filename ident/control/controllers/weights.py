@@ -29,3 +29,18 @@ ACCEPTABLE: Mapping[str, float] = {
 def weight(acceptable: Mapping[str, float], name: str) -> float:
     """One over the square of the acceptable deviation; zero where there is none."""
     return 1.0 / acceptable[name] ** 2 if name in acceptable else 0.0
+
+
+PID_GAINS: Mapping[str, float] = {
+    "frequency": 1.2,
+    "damping": 0.9,
+    "look_ahead_time": 0.0,
+    "integral_time": 8.0,
+}
+PURE_PURSUIT_GAINS: Mapping[str, float] = {"look_ahead_time": 1.2, "shortest_look_ahead": 5.0}
+STANLEY_GAINS: Mapping[str, float] = {
+    "error_gain": 0.8,
+    "softening_speed": 1.0,
+    "heading_gain": 0.5,
+    "yaw_rate_gain": 0.1,
+}

@@ -1,0 +1,64 @@
+"""PID on the lateral error a look-ahead in front of the truck, with the derivative from the heading error.
+
+    κ = -(ω² e_a + 2 ζ ω v e_ψ + (ω²/T_i) ∫ e_a dt)/v²,      e_a = e_y + v t_a e_ψ
+
+in curvature beside that of the reference: with ë_y = v² κ the gains are a frequency ω and a damping ratio ζ
+at every speed. The derivative of e_y is v e_ψ, so that no measured error is differentiated. The integral is
+held while the steering is at a limit, and kept to what ``LARGEST_INTEGRAL`` answers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from ident.control.controllers.base import Base
+from ident.control.controllers.controller import Command, Diagnostics, Measured
+from ident.control.controllers.steady import SLOWEST, SteadyCornering
+from ident.control.controllers.weights import PID_GAINS
+from ident.control.reference import Reference
+from ident.control.truck import Truck
+
+LARGEST_INTEGRAL = 1.0  # [m s]
+
+
+class PID:
+    """Steers by PID; the speed is held beside it.
+
+    truck : as it is believed to be; period : [s]
+    weights : frequency ω [rad/s], damping ζ, look_ahead_time t_a [s], integral_time T_i [s]
+    """
+
+    name = "pid"
+
+    def __init__(self, truck: Truck, period: float, weights: Mapping[str, float] | None = None) -> None:
+        self.period = period
+        self.weights = dict(PID_GAINS if weights is None else weights)
+        self.cornering = SteadyCornering(truck, period)
+        self._integral = 0.0
+
+    @property
+    def base(self) -> Base:
+        """What all controllers share."""
+        return self.cornering.base
+
+    def reset(self) -> None:
+        """Forget all runs before."""
+        self.cornering.reset()
+        self._integral = 0.0
+
+    def step(self, measured: Measured, reference: Reference) -> tuple[Command, Diagnostics]:
+        """Return the command for the period that begins now."""
+        deviation = self.cornering.begin(measured, reference)
+        gains = self.weights
+        speed, heading = max(deviation.speed, SLOWEST), math.sin(deviation.heading_error)
+        error = deviation.lateral_error + speed * gains["look_ahead_time"] * heading
+        square = gains["frequency"] ** 2
+        wanted = square * (error + self._integral / gains["integral_time"])
+        wanted += 2 * gains["damping"] * gains["frequency"] * speed * heading
+        angle = self.cornering.angle_for(-wanted / speed**2, deviation)
+        command, diagnostics = self.cornering.command(deviation, angle)
+        if not self.cornering.is_limited(deviation, command):
+            grown = self._integral + error * self.period
+            self._integral = min(max(grown, -LARGEST_INTEGRAL), LARGEST_INTEGRAL)
+        return command, diagnostics
