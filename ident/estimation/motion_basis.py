@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import savgol_filter
 
 from ident.estimation.vehicle_inputs import Probe
 from ident.estimation.vehicle_point import VehiclePoint
@@ -27,7 +26,6 @@ OF_FORCES = (
     "a|a|", "x", "y",
 )  # fmt: skip
 OF_SIGNALS = ("t", "u", "|u|", "u|u|", "sgn(du/dt)", "v", "v u", "cos(heading)", "sin(heading)", "y", "y|y|")
-SPAN, CUBIC = 0.3, 3  # [s], order: how the steering angle is smoothed
 STEP_TIMES = 12  # at which something may have changed, over all runs
 SMOOTH = 0.1  # [s] of the steering rate whose sign counts
 STILL = 0.005  # [rad/s] steering rate below which its sign fades
@@ -52,13 +50,9 @@ class Trajectory:
 
 
 def trajectory_of(point: VehiclePoint) -> Trajectory:
-    """Simulate the fitted model with a smoothed steering angle.
-
-    The noise of the measured angle is in the residuals, too: directions that held it would meet it there.
-    """
+    """Simulate the fitted model."""
     problem, windows = point.problem, point.problem.windows
     inputs, _ = problem.driven(point.shared)
-    inputs[:, 0] = _smoothed(inputs[:, 0], windows.offsets, windows.steps)
     engine = problem.engine
     states, outputs = engine.simulate(
         np.ascontiguousarray(point.local[:, : problem.states]),
@@ -75,16 +69,6 @@ def trajectory_of(point: VehiclePoint) -> Trajectory:
     }
     run = np.repeat(windows.run, np.diff(windows.offsets))
     return Trajectory(values, windows.offsets, windows.times, run)
-
-
-def _smoothed(values: Array, offsets: NDArray[np.intp], steps: Array) -> Array:
-    """Local cubics over ``SPAN`` seconds, window by window: what moves faster is no steering."""
-    made = values.copy()
-    for begin, end in zip(offsets[:-1].tolist(), offsets[1:].tolist(), strict=True):
-        count = 2 * round(SPAN / steps[begin] / 2) + 1
-        if CUBIC < count <= end - begin:
-            made[begin:end] = savgol_filter(values[begin:end], count, CUBIC)
-    return made
 
 
 def basis(path: Trajectory) -> dict[str, Array]:

@@ -63,7 +63,7 @@ PARTS_ORDER = (
     "body_roll",
 )
 MOST_STARTS = 6
-SPAN, CUBIC = 0.5, 3  # [s], order: how the speed is smoothed
+OF_SPEED, OF_ANGLE, CUBIC = 0.5, 0.3, 3  # [s], [s], order: how the inputs are smoothed
 FARTHEST = float(np.log(3.0))  # of the logarithm of the yaw inertia: beyond, it stands in for something else
 
 
@@ -73,15 +73,23 @@ def engine_of(effects: Sequence[MotionEffect], kind: str = KIND) -> Engine:
     return compiled(bicycle(kind, kind, (STEERING_OFFSET, ROAD_BANK, *parts, PROBES)))
 
 
-def with_smooth_speed(record: MotionRecord) -> MotionRecord:
-    """Local cubics through the speed: no truck's speed changes faster, and its noise is felt at a crawl.
+def with_smooth_inputs(record: MotionRecord) -> MotionRecord:
+    """Local cubics through the speed and the steering angle: no truck's change faster.
 
-    At 2 m/s it moves slip angles as much as a lag of the tyres does.
+    The noise of an input is no noise of a measured signal. That of the speed is felt at a crawl: at 2 m/s it
+    moves slip angles as much as a lag of the tyres does. That of the angle carries a play from end to end,
+    which then seems wider, and stands in the residuals as well as in what they are compared with.
     """
-    count = 2 * round(SPAN / record.period / 2) + 1
-    if not CUBIC < count <= record.times.size:
-        return record
-    return replace(record, speed=savgol_filter(record.speed, count, CUBIC))
+    return replace(
+        record,
+        speed=_smoothed(record.speed, OF_SPEED / record.period),
+        road_wheel_angle=_smoothed(record.road_wheel_angle, OF_ANGLE / record.period),
+    )
+
+
+def _smoothed(values: Array, samples: float) -> Array:
+    count = 2 * round(samples / 2) + 1
+    return savgol_filter(values, count, CUBIC) if CUBIC < count <= values.size else values
 
 
 @dataclass(frozen=True)
@@ -110,7 +118,7 @@ class MotionLayer:
     @cached_property
     def windows(self) -> Windows:
         """Windows of the fit, each with room for late sensors."""
-        records = [with_smooth_speed(record) for record in self.records]
+        records = [with_smooth_inputs(record) for record in self.records]
         return Windows([part for record in records for part in cut(record, WINDOW, LEAD)])
 
     @cached_property

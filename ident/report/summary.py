@@ -326,9 +326,8 @@ def _error_lines(result: ImproveResult) -> list[str]:
     signals, error = signals_of(result), result.error
     if not signals:
         return []
-    rows: list[tuple[str, ...]] = [
-        ("RMS, held out", "before", "after", "95 % interval", "noise floor", "gone", "unit")
-    ]
+    on = "RMS, held out" if error.split_by != "none" else "RMS, of the fit itself"
+    rows: list[tuple[str, ...]] = [(on, "before", "after", "95 % interval", "noise floor", "gone", "unit")]
     for name in signals:
         gone = taken(result, name)
         share = NONE if gone is None else f"{fixed(100 * gone, 0)} %"

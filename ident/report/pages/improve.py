@@ -43,19 +43,28 @@ def improve_page(result: ImproveResult, tables: Mapping[str, pd.DataFrame]) -> P
         verdict=_verdict(result),
         lead=_lead(result, table),
         sections=[
-            Section("effect", "What was added", _effects(result), "Effect"),
-            Section("residual", "The residual and what explains it", _residual(result, table), "Residual"),
-            Section("evidence", "Chain of evidence", _evidence(result), "Evidence"),
-            Section("confirmation", "Runs that took no part", _confirmation(result, tables), "Held out"),
-            Section("separate", "What could not be separated", _separate(result), "Next run"),
+            *(_of_the_loop(result, tables, table) if result.layers else []),
             Section("detectable", "What these data would show", _detectable(result), "Detectable"),
-            Section("runs", "Measured, before and after", _runs(tables), "Runs"),
             Section("sensors", "Sensors against each other", [tables_of.sensors(result.sensors)], "Sensors"),
             Section("refused", "Refused and warned", _refused(result), "Refused"),
             Section("health", "Log health", _health(result), "Health"),
             Section("provenance", "Provenance", health.provenance_blocks(result.provenance)),
         ],
     )
+
+
+def _of_the_loop(
+    result: ImproveResult, tables: Mapping[str, pd.DataFrame], table: pd.DataFrame | None
+) -> list[Section]:
+    """Sections that there are where a model was looked at."""
+    return [
+        Section("effect", "What was added", _effects(result), "Effect"),
+        Section("residual", "The residual and what explains it", _residual(result, table), "Residual"),
+        Section("evidence", "Chain of evidence", _evidence(result), "Evidence"),
+        Section("confirmation", "Runs that took no part", _confirmation(result, tables), "Held out"),
+        Section("separate", "What could not be separated", _separate(result), "Next run"),
+        Section("runs", "Measured, before and after", _runs(tables), "Runs"),
+    ]
 
 
 def _verdict(result: ImproveResult) -> Verdict:

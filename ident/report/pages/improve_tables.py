@@ -62,7 +62,7 @@ HELD_OUT = {
 def errors(result: ImproveResult) -> Table:
     """Give the error of every signal before and after, beside the noise floor."""
     columns = [
-        Column("RMS error, held out"),
+        Column("RMS error, held out" if result.error.split_by != "none" else "RMS error, of the fit itself"),
         Column("before", "number"),
         Column("after", "number"),
         Column("noise floor", "number"),
