@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from sympy import Expr
 
 from ident.control.linear import held_step
+from ident.control.many_points import ManyPoints
 from ident.control.truck import Truck
 from ident.dynamics.actuator import actuator
 from ident.dynamics.bicycle import bicycle
@@ -187,6 +188,7 @@ class Prediction:
         system = in_time(kind, effects) if domain == "time" else in_space(kind, effects)
         self.truck = truck
         self.engine: Engine = compiled(system)
+        self._points = ManyPoints(self.engine)
         self.states = self.engine.states
         self.disturbances = self.engine.inputs[len(CONTROLS) + len(SURROUNDINGS) :]
         self.index = {name: place for place, name in enumerate(self.states)}
@@ -236,6 +238,8 @@ class Prediction:
     def jacobians(self, states: Array, inputs: Array, tracked_x: float) -> tuple[Array, Array, Array]:
         """Rates (..., nx) and their exact derivatives to states (..., nx, nx) and inputs (..., nx, nu)."""
         values = self.parameters(tracked_x)
+        if states.ndim == 2:
+            return self._points.jacobians(states, inputs, values)
         to_states, to_inputs, _ = self.engine.jacobians(states, inputs, values)
         return self.engine.rates(states, inputs, values), to_states, to_inputs
 

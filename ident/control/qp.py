@@ -134,7 +134,7 @@ class Solver:
         elif structure != self._structure:
             raise ValueError(f"a program of structure {structure}, need {self._structure} as before")
         else:
-            self._solver.update(**values)
+            self._solver.update(**{name: value for name, value in values.items() if name != "G"})
 
 
 def _piqp(tolerance: float) -> Any:
@@ -174,8 +174,8 @@ class Stages:
 
     start : (nx,) x_0
     A (N, nx, nx), B (N, nx, nu), c (N, nx) : dynamics
-    state_weights (N, nx, nx), state_goals (N, nx) : Q, of which the last is the terminal one, and g
-    input_weights (N, nu, nu), input_goals (N, nu) : R, w
+    state_weights (N - 1, nx) : diagonals of Q_1 ... Q_(N-1); terminal_weight (nx, nx) : Q_N
+    input_weights (N, nu) : diagonals of R; state_goals (N, nx), input_goals (N, nu) : g, w
     state_low, state_high (N, nx); input_low, input_high (N, nu) : limits, infinite where there is none
     soft_linear, soft_quadratic : (ns,) ρ₁, ρ₂ of the softened states
     """
@@ -185,8 +185,9 @@ class Stages:
     B: Array
     c: Array
     state_weights: Array
-    state_goals: Array
+    terminal_weight: Array
     input_weights: Array
+    state_goals: Array
     input_goals: Array
     state_low: Array
     state_high: Array
@@ -221,8 +222,8 @@ class StagedProgram:
         self._G = self._soft_rows(size)
 
     def _cost_places(self) -> list[tuple[Integers, Integers]]:
-        blocks = [(self._u[:, :, None], self._u[:, None, :]), (self._x[:, :, None], self._x[:, None, :])]
-        return [*blocks, (self._s, self._s)]
+        u, x, final = self._u, self._x[:-1], self._x[-1]
+        return [(u, u), (x, x), (final[:, None], final[None, :]), (self._s, self._s)]
 
     def _dynamics_places(self) -> list[tuple[Integers, Integers]]:
         rows = np.arange(self.layout.horizon * self.layout.states).reshape(self._x.shape)
@@ -245,7 +246,8 @@ class StagedProgram:
     def filled(self, stages: Stages) -> QuadraticProgram:
         """The program of these values; what was returned before keeps its own."""
         curvature = np.broadcast_to(stages.soft_quadratic, self._s.shape)
-        P = _filled(self._P, self._P_order, stages.input_weights, stages.state_weights, curvature)
+        weights = (stages.input_weights, stages.state_weights, stages.terminal_weight, curvature)
+        P = _filled(self._P, self._P_order, *weights)
         A = _filled(self._A, self._A_order, np.ones(self._x.shape), -stages.A[1:], -stages.B)
         b = stages.c.copy()
         b[0] += stages.A[0] @ stages.start
@@ -258,8 +260,9 @@ class StagedProgram:
 
     def _gradient(self, stages: Stages) -> Array:
         c = np.zeros(self._P.shape[0])
-        c[self._u] = -np.einsum("kij,kj->ki", stages.input_weights, stages.input_goals)
-        c[self._x] = -np.einsum("kij,kj->ki", stages.state_weights, stages.state_goals)
+        c[self._u] = -stages.input_weights * stages.input_goals
+        c[self._x[:-1]] = -stages.state_weights * stages.state_goals[:-1]
+        c[self._x[-1]] = -stages.terminal_weight @ stages.state_goals[-1]
         c[self._s] = stages.soft_linear
         return c
 

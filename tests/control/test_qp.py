@@ -26,16 +26,17 @@ def stages_of(seed: int, layout: Layout, size: float = 1.0) -> Stages:
     random = np.random.default_rng(seed)
     count, nx, nu, soft = layout.horizon, layout.states, layout.inputs, len(layout.softened)
     drift = np.eye(nx) + 0.1 * random.standard_normal((count, nx, nx))
-    weights = np.broadcast_to(np.diag(random.uniform(0.5, 2.0, nx)), (count, nx, nx))
+    weights = np.tile(random.uniform(0.5, 2.0, nx), (count, 1))
     wide = np.full((count, nx), np.inf)
     return Stages(
         start=size * random.standard_normal(nx),
         A=drift,
         B=random.standard_normal((count, nx, nu)),
         c=0.1 * random.standard_normal((count, nx)),
-        state_weights=weights,
+        state_weights=weights[1:],
+        terminal_weight=np.diag(weights[0]) + 0.1,
         state_goals=0.2 * random.standard_normal((count, nx)),
-        input_weights=np.broadcast_to(np.diag(random.uniform(0.5, 2.0, nu)), (count, nu, nu)),
+        input_weights=np.tile(random.uniform(0.5, 2.0, nu), (count, 1)),
         input_goals=0.1 * random.standard_normal((count, nu)),
         state_low=-wide,
         state_high=wide,
@@ -83,9 +84,10 @@ def test_the_plan_obeys_the_dynamics_and_costs_what_the_stages_say() -> None:
     for k in range(7):
         x = stages.A[k] @ plan.states[k] + stages.B[k] @ plan.inputs[k] + stages.c[k]
         assert plan.states[k + 1] == pytest.approx(x, abs=1e-7)
+        Q = stages.terminal_weight if k == 6 else np.diag(stages.state_weights[k])
         for value, goal, weight in (
-            (plan.states[k + 1], stages.state_goals[k], stages.state_weights[k]),
-            (plan.inputs[k], stages.input_goals[k], stages.input_weights[k]),
+            (plan.states[k + 1], stages.state_goals[k], Q),
+            (plan.inputs[k], stages.input_goals[k], np.diag(stages.input_weights[k])),
         ):
             cost += 0.5 * (value - goal) @ weight @ (value - goal) - 0.5 * goal @ weight @ goal
         over = max(abs(plan.states[k + 1, 1]) - 0.4, 0.0)
@@ -105,11 +107,11 @@ def test_without_limits_the_first_input_is_that_of_the_riccati_recursion() -> No
         state_goals=zero(stages.state_goals),
         input_goals=zero(stages.input_goals),
     )
-    P = stages.state_weights[-1]
+    P = stages.terminal_weight
     for k in range(14, -1, -1):
-        A, B, R = stages.A[k], stages.B[k], stages.input_weights[k]
+        A, B, R = stages.A[k], stages.B[k], np.diag(stages.input_weights[k])
         K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
-        Q = stages.state_weights[k - 1] if k else np.zeros((3, 3))
+        Q = np.diag(stages.state_weights[k - 1]) if k else np.zeros((3, 3))
         P = Q + A.T @ P @ (A - B @ K)
     staged = StagedProgram(layout)
     plan = staged.plan(solved(staged.filled(stages)), stages.start)
@@ -124,16 +126,16 @@ def test_with_the_terminal_cost_of_the_are_the_horizon_does_not_matter() -> None
     start = np.array([0.7, -0.3])
     for horizon in (2, 25):
         layout = Layout(horizon=horizon, states=2, inputs=1)
-        weights = np.stack([*[Q] * (horizon - 1), P])
         stages = replace(
             stages_of(0, layout),
             start=start,
             A=np.stack([A] * horizon),
             B=np.stack([B] * horizon),
             c=np.zeros((horizon, 2)),
-            state_weights=weights,
+            state_weights=np.tile(np.diag(Q), (horizon - 1, 1)),
+            terminal_weight=P,
             state_goals=np.zeros((horizon, 2)),
-            input_weights=np.stack([R] * horizon),
+            input_weights=np.tile(np.diag(R), (horizon, 1)),
             input_goals=np.zeros((horizon, 1)),
         )
         staged = StagedProgram(layout)

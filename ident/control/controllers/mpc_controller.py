@@ -5,11 +5,11 @@ Each cycle: where the truck will be when a request takes effect (``base``), the 
 have hard limits, and the rate of the steering where the controller is told to keep one; the lane is a soft
 limit of the lateral error, since a truck that is outside must come back and not give up.
 
-Where the program fails, which is counted: the last plan goes on for up to ``PATIENCE`` cycles, after that the
-regulator of the terminal cost (an LQR with the feed-forward of the goals) steers; without a finite state the
-requests stay as they are.
+Where the program fails, which is counted: the last plan goes on for up to ``PATIENCE`` cycles, after that
+the regulator of the terminal cost (an LQR with the feed-forward of the goals) steers; without a finite state
+the requests stay as they are.
 
-With a ``tube`` the plan is that of a nominal truck whose limits are tightened by what disturbances can do, and
+With a tube the plan is that of a nominal truck whose limits are tightened by what disturbances can do, and
 the request holds the truck in the tube about it (Mayne, Seron and Raković, Automatica 41, 2005):
 
     Δu = Δv_0 - K (ξ - z)
@@ -41,7 +41,7 @@ from ident.control.truck import Truck
 Array = NDArray[np.float64]
 
 PATIENCE = 10  # cycles that a plan is followed on without a new one
-SLACK_LINEAR, SLACK_QUADRATIC = 1e3, 1e3  # [1/m], [1/m²] price of leaving the lane; see ``qp``
+SLACK_LINEAR, SLACK_QUADRATIC = 20.0, 20.0  # [1/m], [1/m²] price of leaving the lane; see ``qp``
 
 
 @dataclass(frozen=True)
@@ -181,9 +181,7 @@ class Mpc:
         count, period = self.settings.horizon, self.period
         size = len(self.prediction.states) + REQUESTS
         final = float(ahead.goals[-1, self._place["longitudinal_velocity"]])
-        weights = np.empty((count, size, size))
-        weights[:] = self._weights.of_states(max(final, 1.0), period)
-        weights[-1] = self._regulator.cost.at(final)
+        weights = np.tile(self._weights.of_states(max(final, 1.0), period), (count - 1, 1))
         low, high = self._limits_of_states(outlook)
         changes = self._limits_of_changes(ahead, outlook)
         return Stages(
@@ -192,8 +190,9 @@ class Mpc:
             B=ahead.model.B,
             c=ahead.model.c,
             state_weights=weights,
+            terminal_weight=self._regulator.cost.at(final),
+            input_weights=np.tile(self._weights.of_changes(period), (count, 1)),
             state_goals=np.zeros((count, size)),
-            input_weights=np.broadcast_to(self._weights.of_changes(period), (count, REQUESTS, REQUESTS)),
             input_goals=np.zeros((count, REQUESTS)),
             state_low=low - ahead.goals[1:],
             state_high=high - ahead.goals[1:],

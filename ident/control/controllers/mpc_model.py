@@ -61,13 +61,13 @@ class Weights:
         self._slope = abs(prediction.mean_ratio)
 
     def of_states(self, speed: float, duration: float) -> Array:
-        """(n, n) Q of a step of this duration [s] at this speed [m/s]."""
+        """(n,) diagonal of Q of a step of this duration [s] at this speed [m/s]."""
         names = (*self._prediction.states, *CONTROLS)
-        return np.diag([duration * self._weight(name, speed) for name in names])
+        return np.array([duration * self._weight(name, speed) for name in names])
 
     def of_changes(self, duration: float) -> Array:
-        """(2, 2) R of the change of the requests from one step to the next, itself a rate times the step."""
-        return np.diag([self._weight(f"{name}_rate", 1.0) / duration for name in CONTROLS])
+        """(2,) diagonal of R of the change of the requests from one step to the next."""
+        return np.array([self._weight(f"{name}_rate", 1.0) / duration for name in CONTROLS])
 
     def _weight(self, name: str, speed: float) -> float:
         if name == "arc_length":
@@ -97,7 +97,8 @@ def terminal(prediction: Prediction, weights: Weights, duration: float, tracked_
     found = []
     for speed in SPEEDS:
         A, B = straight_on(prediction, float(speed), duration, tracked_x)
-        Q, R = weights.of_states(float(speed), duration), weights.of_changes(duration)
+        Q = np.diag(weights.of_states(float(speed), duration))
+        R = np.diag(weights.of_changes(duration))
         K, P = regulator(A, B, Q, R)
         found.append((P, K, A - B @ K))
     cost, gain, closed = (Schedule(SPEEDS, np.array(part)) for part in zip(*found, strict=True))

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 SOLVED_FOR = ("lateral_velocity", "yaw_rate", "heading_error", "steering_angle")
 AT_REST = ("lateral_velocity", "yaw_rate", "lateral_error", "heading_error")
-WORN_OUT = 1e12  # condition of the equations above which the reference is taken as it is
+FARTHEST = 5.0  # [SI] change above which the reference is kept: beyond their peak tyres have no steady state
 
 
 @dataclass(frozen=True)
@@ -117,11 +117,12 @@ class Targets:
         matrix = slopes[:, self._equations][:, :, self._unknown]
         missing = rates[:, self._equations]
         found = states.copy()
-        finite = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(missing).all(axis=1)
-        rows = np.flatnonzero(finite)
-        rows = rows[np.linalg.cond(matrix[rows]) < WORN_OUT]
-        change = np.linalg.solve(matrix[rows], missing[rows][:, :, None])[:, :, 0]
-        found[rows[:, None], np.array(self._unknown)] -= change
+        try:
+            change = np.linalg.solve(matrix, missing[:, :, None])[:, :, 0]
+        except np.linalg.LinAlgError:
+            return found
+        usable = np.abs(change).max(axis=1, keepdims=True) < FARTHEST
+        found[:, self._unknown] -= np.where(usable, change, 0.0)
         return found
 
 
