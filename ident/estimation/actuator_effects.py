@@ -6,8 +6,8 @@ effect at all lies within reach. What a unit of a generic term adds is given wit
 (after what effects make of them) or to the angle, and does not depend on theta. The shape is
 rho = T1 T2 / a1² as in ``actuator_likelihood``; with a limited rate, which needs real lags in a known order,
 it is the skew (T1 - T2) / a1 between -1 and 1, whose sign says which of the lags is limited. Local to a
-record are those of ``actuator_likelihood`` (initial angle and rate, command before the first and how early the
-first took effect, lost commands) and the place of the column within its play when the record began, as a
+record are those of ``actuator_likelihood`` (initial angle and rate, command before the first and how early
+the first took effect, lost commands) and the place of the column within its play when the record began, as a
 part of the width: it is somewhere, with equal chance.
 """
 

@@ -30,6 +30,7 @@ from ident.estimation.actuator_likelihood import (
     RATIO,
     SUM,
     ActuatorRecord,
+    with_repeats,
     without_unknown_head,
 )
 from ident.estimation.actuator_runs import FEWEST_SAMPLES, FIRST_DEAD_TIME, RunRecords
@@ -341,7 +342,10 @@ def _usable(runs: Sequence[RunRecords], start: Array | None) -> tuple[Array, dic
 
 def _headed(runs: Sequence[RunRecords], dead_time: float) -> dict[str, list[ActuatorRecord]]:
     made = {run.name: [without_unknown_head(record, dead_time) for record in run.records] for run in runs}
-    long = {name: [r for r in records if r.times.size >= FEWEST_SAMPLES] for name, records in made.items()}
+    long = {
+        name: [with_repeats(r) for r in records if r.times.size >= FEWEST_SAMPLES]
+        for name, records in made.items()
+    }
     return {name: records for name, records in long.items() if records}
 
 

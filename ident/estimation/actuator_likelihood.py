@@ -36,6 +36,8 @@ LARGEST_RATIO = 25.0  # rho: damping ratio 0.1
 DEAD_TIME_RANGE = (-0.2, 2.0)  # [s]
 SUM_RANGE = (1e-3, 20.0)  # [s]
 FIXED_LOCALS = 4
+LONGEST_HOLD = 0.05  # [s] of a command, before it is said again
+HOLD_MARGIN = 0.5  # of that
 REST_LAG = 0.5  # [s] by which an output that creeps at some rate is behind its command
 
 
@@ -91,6 +93,24 @@ def without_unknown_head(record: ActuatorRecord, dead_time: float) -> ActuatorRe
     begin = int(np.searchsorted(record.times, record.command_times[0] + dead_time))
     starts = np.unique(np.append(0, record.starts[record.starts >= begin] - begin)).astype(np.intp)
     return replace(record, times=record.times[begin:], measured=record.measured[begin:], starts=starts)
+
+
+def with_repeats(record: ActuatorRecord) -> ActuatorRecord:
+    """Say long-held commands again every ``LONGEST_HOLD``, which changes nothing of the answer.
+
+    What is added to the commands and changes while they are held has its place then. The first command, whose
+    time is uncertain, and lost ones are left alone.
+    """
+    ends = np.append(record.command_times[1:], max(record.times[-1], record.command_times[-1]))
+    count = np.maximum(np.ceil((ends - record.command_times) / LONGEST_HOLD - HOLD_MARGIN), 1).astype(np.intp)
+    count[0] = 1
+    count[record.lost] = 1
+    first = np.cumsum(count) - count
+    of = np.repeat(np.arange(count.size), count)
+    part = (np.arange(of.size) - first[of]) / count[of]
+    times = record.command_times[of] + part * (ends - record.command_times)[of]
+    lost = first[record.lost].astype(np.intp)
+    return replace(record, command_times=times, command_values=record.command_values[of], lost=lost)
 
 
 class ActuatorProblem:

@@ -13,15 +13,17 @@ from numpy.typing import NDArray
 from ident.estimation.actuator_effects import EffectsProblem, with_effects
 from ident.estimation.actuator_layer import ActuatorLayer
 from ident.estimation.actuator_layer_fit import ActuatorLayerFit, named_effects
-from ident.estimation.actuator_likelihood import BIAS, ActuatorRecord
+from ident.estimation.actuator_likelihood import BIAS, ActuatorRecord, with_repeats
 from ident.estimation.actuator_runs import RunRecords
 from ident.estimation.layer import LayerScores
+from ident.estimation.vehicle_records import Samples
 
 Array = NDArray[np.float64]
 
 NOISE = 0.002
 START = np.array([1.0, 0.1, 0.28, 0.2])
 PLAY, LIMIT, ZONE = "steering_column_play", "steering_rate_limit", "steering_dead_zone"
+SLOW_LAG = "lags: v u'"
 TRUE = {PLAY: 0.02, LIMIT: 1.5, ZONE: 0.02}
 TRUCKS = {
     PLAY: Truck(play=TRUE[PLAY]),
@@ -252,3 +254,131 @@ def test_a_fit_of_fewer_runs_can_begin_from_one_of_all(layers: dict[str, Actuato
     fit: ActuatorLayerFit = rest.fitted([PLAY], start=whole)
     assert fit.sizes()[PLAY] == pytest.approx(TRUE[PLAY], rel=0.02)
     assert fit.fit.shared.size == BIAS + 3 + 1
+
+
+# --- generic terms -----------------------------------------------------------------------------------
+
+
+def slowing(number: int) -> Samples:
+    """Speed of a run: each at two speeds, high in some, low in others."""
+    low, high = (3.0, 9.0) if number % 2 else (5.0, 14.0)
+    times = np.arange(0.0, 20.5, 0.5)
+    return Samples(times, np.where(times < 10, low, high))
+
+
+def with_slow_lag(seed: int, share: float) -> list[RunRecords]:
+    """T1 longer by a share at standstill, falling to none at 15 m/s: integrated by small steps."""
+    random = np.random.default_rng(seed)
+    made = []
+    for number, run in enumerate(drive(Truck(), seed)):
+        (one,) = run.records
+        speed = slowing(number)
+        grid = np.arange(one.times[0], one.times[-1] + 0.001, 0.001)
+        at = np.searchsorted(one.command_times + 0.1, grid, side="right") - 1
+        asked = np.where(at >= 0, one.command_values[np.maximum(at, 0)], 0.0)
+        slow = 0.2 * (1 + share * (1 - np.interp(grid, speed.times, speed.values) / 15))
+        first, second = np.zeros(grid.size), np.zeros(grid.size)
+        for k in range(grid.size - 1):
+            first[k + 1] = first[k] + (asked[k] - first[k]) * 0.001 / slow[k]
+            second[k + 1] = second[k] + (first[k] - second[k]) * 0.001 / 0.08
+        angle = np.interp(one.times, grid, second)
+        made.append(
+            RunRecords(run.name, [replace(one, measured=angle + NOISE * random.normal(size=angle.size))])
+        )
+    return made
+
+
+@pytest.fixture(scope="module")
+def slow() -> ActuatorLayer:
+    speed = {f"run_{k}": slowing(k) for k in range(4)}
+    return ActuatorLayer(with_slow_lag(2, 0.3), start=START, speed=speed)
+
+
+def test_a_lag_that_depends_on_speed_is_found_in_the_lags_and_sized(slow: ActuatorLayer) -> None:
+    base = slow.fitted()
+    gains = statistics(base.scores())
+    assert max(gains, key=lambda key: gains[key]) == SLOW_LAG
+    known = slow.with_term(SLOW_LAG, {}, base)
+    assert known is not None
+    fit = known.fitted([SLOW_LAG], start=base)
+    assert fit.keys == (SLOW_LAG,)
+    assert fit.freedom == 1
+    value, std = fit.term(SLOW_LAG)
+    # (T1 + c v) at the speed v, to first order in what the lag changes.
+    assert value == pytest.approx(0.2 * 0.3 / 15, rel=0.1)
+    assert 0 < std < 0.1 * value
+    limit = slow.fitted([LIMIT], start=base)
+    gained, other = (
+        float((one.likelihood(fit).values - base.likelihood(fit).values).sum()) for one in (fit, limit)
+    )
+    assert gained > 5 * max(other, 1.0)
+    assert fit.rms()["steering_wheel_angle"] < 0.5 * base.rms()["steering_wheel_angle"]
+
+
+def test_a_term_that_is_in_the_fit_is_screened_no_more_and_judges_what_took_no_part(
+    slow: ActuatorLayer,
+) -> None:
+    base = slow.fitted()
+    known = slow.with_term(SLOW_LAG, {}, base)
+    assert known is not None
+    rest = known.without(["run_1"])
+    fit = rest.fitted([SLOW_LAG], start=known.fitted([SLOW_LAG], start=base))
+    assert SLOW_LAG not in [group.key for group in fit.scores().groups]
+    before, after = (known.held_out(one, ["run_1"]) for one in (rest.fitted(), fit))
+    errors = [float(np.std(one.errors["steering_wheel_angle"])) for one in (before, after)]
+    assert errors[1] < 0.6 * errors[0]
+    sizes, stds = fit.sizes_by_run(SLOW_LAG)
+    assert sizes.shape == stds.shape == (3,)
+
+
+def test_speed_is_in_no_term_where_a_run_does_not_know_it(layers: dict[str, ActuatorLayer]) -> None:
+    keys = [group.key for group in layers["none"].fitted().scores().groups]
+    assert not [key for key in keys if "v" in key.partition(": ")[2]]
+    assert layers["none"].with_term(SLOW_LAG, {}, layers["none"].fitted()) is None
+
+
+def test_a_step_of_the_angle_is_fitted_to_its_size() -> None:
+    runs = drive(Truck(), 4)
+    (one,) = runs[2].records
+    runs[2] = RunRecords("run_2", [replace(one, measured=one.measured + 0.01 * (one.times >= 8.0))])
+    layer = ActuatorLayer(runs, start=START)
+    base = layer.fitted()
+    known = layer.with_term("angle: step", {"run": 2.0, "time": 8.0}, base)
+    assert known is not None
+    value, std = known.fitted(["angle: step"], start=base).term("angle: step")
+    assert value == pytest.approx(0.01, abs=4 * std)
+    assert std < 0.001
+
+
+@pytest.mark.parametrize("key", ["request: u|u|", "lags: u'|u'|", "angle: |u|"])
+def test_terms_stand_beside_effects_with_exact_derivatives(
+    key: str, layers: dict[str, ActuatorLayer]
+) -> None:
+    base = layers[ZONE].fitted()
+    known = layers[ZONE].with_term(key, {}, base)
+    assert known is not None
+    problem = known.fitted([ZONE, key]).problem
+    assert problem.keys == (ZONE, key)
+    shared = with_effects(base.fit.shared, problem, {ZONE: 0.02, key: 0.03})
+    exact = problem.linearise(shared, base.fit.local)
+    for index in (0, 1, problem.first_size, problem.first_term):
+        step = 1e-7 * np.eye(shared.size)[index]
+        more, less = (problem.linearise(shared + side * step, base.fit.local) for side in (1, -1))
+        for one, up, down in zip(exact, more, less, strict=True):
+            close(one.shared[:, index], (down.residual - up.residual) / 2e-7)
+
+
+def test_commands_that_are_said_again_change_nothing() -> None:
+    (one,) = drive(Truck(), 1, runs=1)[0].records
+    sparse = replace(one, command_times=one.command_times[::20], command_values=one.command_values[::20])
+    sparse = replace(sparse, lost=np.array([5]))
+    again = with_repeats(sparse)
+    assert np.diff(again.command_times)[8:].max() < 0.41
+    assert again.command_values[again.lost] == sparse.command_values[5]
+    assert again.command_times[again.lost] == sparse.command_times[5]
+    problem = EffectsProblem([sparse], 1)
+    shared, local = np.array([1.0, 0.1, 0.28, 0.2, 0.0]), np.array([0.0, 0.1, 0.02, 0.01, 0.0, 0.3])
+    whole, other = (problem.linearise_one(r, shared, local) for r in (sparse, again))
+    np.testing.assert_allclose(other.residual, whole.residual, atol=1e-12)
+    np.testing.assert_allclose(other.shared, whole.shared, atol=1e-9)
+    np.testing.assert_allclose(other.local, whole.local, atol=1e-9)
