@@ -44,7 +44,7 @@ def describe_validate(result: ValidateResult) -> str:
     lines += _limited("warning", result.warnings)
     if result.next_step:
         lines += ["", f"next: {plain(result.next_step)}"]
-    return "\n".join(lines)
+    return "\n".join(lines).rstrip("\n")
 
 
 def _table_lines(result: ValidateResult) -> list[str]:

@@ -265,10 +265,10 @@ def disturbed_size(name: str, size: float) -> str:
     if unit is None:
         return f"{'+' if size > 0 else ''}{fixed(100 * size, 0)}\u00a0%"
     if unit == "1":
-        return significant(size)
+        return significant(size, 2)
     if unit == "rad":
-        return f"{'+' if size > 0 else ''}{significant(math.degrees(size))}°"
-    return f"{'+' if size > 0 else ''}{significant(size)}\u00a0{unit}"
+        return f"{'+' if size > 0 else ''}{significant(math.degrees(size), 2)}°"
+    return f"{'+' if size > 0 else ''}{significant(size, 2)}\u00a0{unit}"
 
 
 def run_title(run: ClosedLoopRun) -> str:

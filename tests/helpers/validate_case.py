@@ -5,13 +5,14 @@ law on the path a while ahead, with gains of its own. Errors, rates and speeds o
 that simulation; the scores of the others are drawn about them. Names are hostile on purpose.
 """
 
+import functools
 import math
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
-from ident.results import Estimate, Refusal
+from ident.results import Estimate, Provenance, Refusal, RunHealth
 from ident.results.validate import (
     Cell,
     Claim,
@@ -410,6 +411,21 @@ def build(provenance, health):
         warnings=["mpc_robust took longer than its period in 1.2 % of the cycles"],
     )
     return result, build_tables(driven, worst)
+
+
+@functools.cache
+def case():
+    """Give the result with everything in it and its tables; tests must not change them."""
+    made = Provenance(
+        "0.1.0", "ident validate sample_logs/ --model model.yaml", 1, "2025-10-09T12:00:00+00:00"
+    )
+    health = [
+        RunHealth(
+            name, "rosbag2 mcap", "2025-10-09T08:53:20Z", 65.0, "channels.yaml", "vehicle.yaml", [], {}, []
+        )
+        for name in LOGGED_RUNS
+    ]
+    return build(made, health)
 
 
 def bare(result):

@@ -4,6 +4,7 @@ import os
 import shutil
 
 import pytest
+import validate_case as validation
 from playwright.sync_api import sync_playwright
 
 from ident.report.html import write_report
@@ -12,6 +13,7 @@ from ident.report.pages.improve import improve_page
 from ident.report.pages.info import info_page
 from ident.report.pages.steering import steering_page
 from ident.report.pages.tyres import tyres_page
+from ident.report.pages.validate import validate_page
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
@@ -285,3 +287,35 @@ def test_every_figure_of_the_improvement_is_drawn_and_nothing_is_said_or_execute
     assert "<img src=x onerror=" in improve_visit.tab.inner_text("#improve")
     if improve_visit.case not in {"adequate", "sensors"}:
         assert improve_visit.boxes("#improve-effect math mi")[0]["height"] > 5
+
+
+@pytest.fixture(scope="module")
+def validate_visit(browser, tmp_path_factory):
+    pages = [validate_page(*validation.case())]
+    opened = Visit(browser, write_report(tmp_path_factory.mktemp("report"), pages))
+    yield opened
+    opened.tab.close()
+
+
+def test_the_first_screen_of_the_validation_holds_verdict_and_table(validate_visit):
+    for selector in (".verdict", ".lead table"):
+        box = validate_visit.boxes(f"#validate {selector}")[0]
+        assert box["width"] > 400
+        assert box["y"] + box["height"] <= 900
+    table, holder = (validate_visit.boxes(f"#validate .lead {one}")[0] for one in ("table", ".table"))
+    assert table["width"] <= holder["width"] + 1
+
+
+def test_every_figure_of_the_validation_is_drawn_and_nothing_is_said_or_executed(validate_visit):
+    for summary in validate_visit.tab.query_selector_all("#validate details:not([open]) > summary"):
+        summary.click()
+    validate_visit.tab.wait_for_timeout(300)
+    maps = validate_visit.tab.query_selector_all("#validate-pairs .heatmaplayer image")
+    assert len(maps) == 3
+    counts = drawn_lines(validate_visit.tab, "#validate")
+    assert len(counts) == 16
+    assert sum(count == 0 for count in counts) == 1  # the maps are pictures
+    assert validate_visit.said == []
+    assert validate_visit.tab.evaluate("window.injected") is None
+    assert validate_visit.tab.query_selector_all("main img") == []
+    assert "<img src=x onerror=" in validate_visit.tab.inner_text("#validate-logged")

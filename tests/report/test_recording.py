@@ -7,7 +7,7 @@ import evaluate_case as evaluation
 import numpy as np
 import pytest
 import tyre_case
-from rerun.chunk import RrdReader
+from rrd import columns, moved, views
 
 from ident.report import evaluated, recording
 from ident.report.numbers import shorten
@@ -19,33 +19,6 @@ from ident.results import Experiment
 
 def write(path, *parts):
     recording.write_recording(path, parts, parts[0].stage)
-
-
-def columns(path):
-    """Give every signal of a recording: entity -> (time [s], values)."""
-    found = {}
-    for chunk in RrdReader(str(path)).stream():
-        batch = chunk.to_record_batch()
-        if "Scalars:scalars" in batch.schema.names:
-            time = np.asarray(batch.column("time").cast("int64"), dtype=np.float64) / 1e9
-            values = np.array([row[0] for row in batch.column("Scalars:scalars").to_pylist()])
-            found.setdefault(chunk.entity_path, []).append((time, values))
-    return {
-        entity: tuple(np.concatenate([piece[axis] for piece in pieces]) for axis in (0, 1))
-        for entity, pieces in found.items()
-    }
-
-
-def views(path):
-    """Give the names of the views and tabs in the blueprint of a recording."""
-    reader = RrdReader(str(path))
-    names = []
-    for chunk in reader.stream(store=reader.blueprints()[0]):
-        batch = chunk.to_record_batch()
-        for column in batch.schema.names:
-            if column.endswith(":display_name"):
-                names += [row[0] for row in batch.column(column).to_pylist() if row]
-    return names
 
 
 @pytest.fixture(scope="module")
@@ -151,18 +124,6 @@ def driven(tyres_case, tmp_path_factory):
     path = tmp_path_factory.mktemp("recording") / "run.rrd"
     write(path, recording.tyres_part(*tyres_case))
     return path
-
-
-def moved(path, entity):
-    """Give how a truck or a wheel moves: time [s], place (n, 3) [m], angle about z [rad]."""
-    for chunk in RrdReader(str(path)).stream():
-        batch = chunk.to_record_batch()
-        if chunk.entity_path == entity and "Transform3D:translation" in batch.schema.names:
-            time = np.asarray(batch.column("time").cast("int64"), dtype=np.float64) / 1e9
-            place = np.array([row[0] for row in batch.column("Transform3D:translation").to_pylist()])
-            turned = np.array([row[0] for row in batch.column("Transform3D:quaternion").to_pylist()])
-            return time, place, 2 * np.arctan2(turned[:, 2], turned[:, 3])
-    raise AssertionError(f"nothing moves at {entity}")
 
 
 def test_the_truck_drives_where_it_was_measured(driven, tyres_case):

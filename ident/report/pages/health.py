@@ -9,7 +9,7 @@ import numpy as np
 from ident.report import figures
 from ident.report.condense import Line
 from ident.report.numbers import NONE, count, duration, listed, percent, shorten, significant, with_unit
-from ident.report.page import Block, Cell, Code, Column, Details, Facts, Figure, Lines, Table, Tone
+from ident.report.page import Block, Cell, Code, Column, Details, Facts, Figure, Lines, Table, Text, Tone
 from ident.results import Damage, Provenance, RunHealth, TopicHealth
 
 MOST_TOPICS_DRAWN = 40
@@ -297,7 +297,8 @@ def provenance_blocks(provenance: Provenance) -> list[Block]:
         download="applied.csv",
         scroll=len(provenance.applied) > 10,
     )
-    return [Code(provenance.command), facts, *([applied] if provenance.applied else []), files]
+    read: Block = files if provenance.files else Text("No log was read.", "muted")
+    return [Code(provenance.command), facts, *([applied] if provenance.applied else []), read]
 
 
 def runs_named(runs: Sequence[RunHealth]) -> str:
