@@ -86,6 +86,8 @@ LEVELS = {
     2: "our controller on the logged states",
     3: "the whole loop on the logged reference",
 }
+WHOLE_LOOP = 3
+"""The level at which the whole loop agrees with a log."""
 BEST = "★"
 """Stands before a number that no other controller is clearly better in."""
 
@@ -318,10 +320,10 @@ def reached_text(result: ValidateResult) -> str:
 
 
 def verdict_badge(result: ValidateResult) -> tuple[str, Tone]:
-    """Give the badge of the answer: whether the first of the ranking held its path everywhere.
+    """Give the badge of the answer: whether the first of the ranking held its path from every start.
 
-    The ranking is for the truck as it was identified; effects that cost a controller its margin make it
-    a caution.
+    It is a caution where the found effects cost its margin, or a mismatch that was tried its path. Until the
+    whole loop agrees with a log it holds in simulation only.
     """
     if not result.ranking:
         return "nothing ranked", "caution"
@@ -331,7 +333,9 @@ def verdict_badge(result: ValidateResult) -> tuple[str, Tone]:
         return "path lost", "bad"
     if any(one.is_lost for one in result.margins if one.controller == first):
         return "margin lost", "caution"
-    return "holds", "good"
+    if any(None in curve.lateral_error_max for curve in result.mismatch if curve.controller == first):
+        return "holds, within limits", "caution"
+    return ("holds" if result.reached == WHOLE_LOOP else "holds in simulation"), "good"
 
 
 def lost_share(completed: float) -> str:

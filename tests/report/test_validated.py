@@ -127,6 +127,9 @@ def test_the_best_is_told_first_and_nobody_is_left_out(result):
         ({}, "holds"),
         ({"ranking": ["stanley"]}, "path lost"),
         ({"ranking": ["pid"]}, "margin lost"),
+        ({"ranking": ["pid"], "margins": []}, "holds, within limits"),
+        ({"reached": 2}, "holds in simulation"),
+        ({"reached": None}, "holds in simulation"),
         ({"ranking": []}, "nothing ranked"),
     ],
 )
