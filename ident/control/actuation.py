@@ -14,6 +14,7 @@ its dead time is over, wherever that falls within a step; nothing here depends o
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -100,6 +101,18 @@ class SteeringMotion:
         """Take a request [rad] at a time [s]."""
         asked, _, _ = dead_zone(np.array([request]), self.actuator.dead_zone)
         self.pending.send(time, self.actuator.gain * float(asked[0]))
+
+    def events(self, begin: float, end: float, step: float) -> list[float]:
+        """Times strictly between two where the grid of the integration needs points.
+
+        They are those at which a request takes effect, and after each, where a lag is shorter than the step
+        [s], times that double from that lag on: an angle that nearly jumps is followed as well.
+        """
+        arrivals = [time + self.pending.dead_time for time in self.pending.times]
+        lag = min(self._lags.first, self._lags.second)
+        doublings = math.ceil(math.log2(step / lag)) if lag < step else 0
+        after = [time + lag * 2.0**n for time in arrivals for n in range(doublings)]
+        return [time for time in (*arrivals, *after) if begin < time < end]
 
     def advance(self, times: Array) -> tuple[Array, Array, Array]:
         """Move to the last of the times, of which the first is now.

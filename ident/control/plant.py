@@ -177,7 +177,8 @@ class Ride:
         count = int(np.ceil((until - now) / self._step * (1 - 1e-9))) * parts
         even = now + (until - now) * np.arange(count + 1) / count
         even[-1] = until
-        events = self._steering.pending.arrivals(now, until) + self._drive.pending.arrivals(now, until)
+        events = self._steering.events(now, until, self._step)
+        events += self._drive.pending.arrivals(now, until)
         apart = [time for time in events if np.min(np.abs(even - time)) > SAME_TIME]
         points = np.unique(np.concatenate([even, apart]))
         grid = np.empty(2 * points.size - 1)

@@ -42,6 +42,8 @@ IN_MODEL = {
         ROAD_BANK,
     )
 }
+KINEMATIC = "kinematic"
+ALWAYS = {False: (STEERING_OFFSET, ROAD_BANK), True: (STEERING_OFFSET,)}  # as compiled for the fits, at zero
 LINKAGE_PLAY = "steering_linkage_play"
 OF_SENSORS = ("sensor_bias", "sensor_latency", "gyro_scale", "wheel_speed_scale")
 UNSEEN = ("body_roll",)  # changes what an accelerometer reads, which no controller of the bench sees
@@ -54,10 +56,11 @@ class SimulatedMotion:
 
     def __init__(self, truck: Truck) -> None:
         effects = effects_of(truck)
-        self._effects = tuple(effects)
+        self._effects = tuple(dict.fromkeys((*ALWAYS[truck.model == KINEMATIC], *effects)))
         self.engine = engine_of(truck.model, self._effects)
         values = {name: float(truck.parameters[name]) for name in parameter_names(truck.model)}
-        values |= dict.fromkeys(MOUNTING, 0.0)
+        absent = [name for one in self._effects for name in one.names]
+        values |= dict.fromkeys((*MOUNTING, *absent), 0.0)
         for own in effects.values():
             values |= own
         self._values = values
@@ -102,10 +105,10 @@ def engine_of(model: str, effects: tuple[Effect, ...]) -> Engine:
     BadRecipe
         If there is no such model, or an effect does not enter it.
     """
-    if model != "kinematic" and model not in TYRES:
+    if model != KINEMATIC and model not in TYRES:
         raise BadRecipe(f"no simulation model {model}: need kinematic or one of {', '.join(TYRES)}")
     try:
-        system = kinematic(effects=effects) if model == "kinematic" else bicycle(model, model, effects)
+        system = kinematic(effects=effects) if model == KINEMATIC else bicycle(model, model, effects)
     except ValueError as error:
         raise BadRecipe(f"the {model} model cannot be simulated: {error}; use a bicycle") from error
     return compiled(system)
@@ -113,7 +116,7 @@ def engine_of(model: str, effects: tuple[Effect, ...]) -> Engine:
 
 def parameter_names(model: str) -> tuple[str, ...]:
     """What ``Truck.parameters`` holds for a model, without what it does not use."""
-    return DISTANCES if model == "kinematic" else (*BODY, *tyre_parameters(model, model))
+    return DISTANCES if model == KINEMATIC else (*BODY, *tyre_parameters(model, model))
 
 
 def effects_of(truck: Truck) -> dict[Effect, dict[str, float]]:
@@ -134,7 +137,7 @@ def effects_of(truck: Truck) -> dict[Effect, dict[str, float]]:
         elif name not in (LINKAGE_PLAY, *OF_SENSORS, *UNSEEN):
             can = ", ".join((*IN_MODEL, LINKAGE_PLAY, *OF_SENSORS, *UNSEEN))
             raise BadRecipe(
-                f"the effect {name} cannot be simulated: take it out of the model, need one of {can}"
+                f"the effect {key} cannot be simulated: take it out of the model, need one of {can}"
             )
     return found
 
@@ -193,7 +196,7 @@ def refuse_unphysical(truck: Truck) -> None:
     BadRecipe
         If a parameter is missing, not finite, or not positive where it has to be.
     """
-    names = parameter_names(truck.model) if truck.model in (*TYRES, "kinematic") else ()
+    names = parameter_names(truck.model) if truck.model in (*TYRES, KINEMATIC) else ()
     if missing := sorted(set(names) - set(truck.parameters)):
         raise BadRecipe(f"a {truck.model} truck needs {', '.join(missing)}: none given")
     positive = {name: truck.parameters[name] for name in names if not name.endswith(".curvature")}
