@@ -17,6 +17,7 @@ closed form. The load inside a curve is as given; a lifted tyre, whose load is b
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -181,7 +182,7 @@ def moment_parts(c: Coefficients, contact: Contact, lateral: Curve) -> Moment:
     scaling = c["LKY"] * reciprocal(c["LMUY"])
     load_stretch = c["QBZ1"] + c["QBZ2"] * more + c["QBZ3"] * more**2
     stretch = load_stretch * (1 + c["QBZ4"] * camber + c["QBZ5"] * absolute(camber)) * scaling
-    bend = (c["QEZ4"] + c["QEZ5"] * camber) * 2 / sympy.pi * sympy.atan(stretch * c["QCZ1"] * trail_slip)
+    bend = (c["QEZ4"] + c["QEZ5"] * camber) * (2 / math.pi) * sympy.atan(stretch * c["QCZ1"] * trail_slip)
     load_curvature = c["QEZ1"] + c["QEZ2"] * more + c["QEZ3"] * more**2
     residual_slip = contact.slip_angle + lateral.shift_slip
     residual_slip += lateral.shift_force * reciprocal(lateral.stiffness)

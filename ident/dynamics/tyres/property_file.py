@@ -101,8 +101,7 @@ class PropertyFile:
         for other in found[1:]:
             if not _same(other, found[0]):
                 raise BadRecipe(
-                    f"{self.source}: {found[0].keyword} = {found[0].text} on line {found[0].line + 1} and "
-                    f"{other.keyword} = {other.text} on line {other.line + 1}, need one value: remove one"
+                    f"{self.source}: {_told(found[0])} and {_told(other)}, need one value: remove one of them"
                 )
         return found[0] if found else None
 
@@ -276,6 +275,10 @@ def _read_number(entry: Entry) -> float | None:
         return None
     value = float(entry.text.replace("d", "e").replace("D", "e"))
     return value if math.isfinite(value) else None
+
+
+def _told(entry: Entry) -> str:
+    return f"{entry.keyword} = {_short(entry.text)!r} on line {entry.line + 1}"
 
 
 def _same(one: Entry, other: Entry) -> bool:
