@@ -6,10 +6,10 @@ Each coordinate is a spline of degree 5 in the way along the path, with a penalt
     sum (x_i - f(u_i))² + λ ∫ f'''² du,      λ = (Λ/2π)⁶ / h,      gain at wavelength W: 1/(1 + (Λ/W)⁶)
 
 Λ [m] is the wavelength at which the curve follows half of what the points do; h is their mean distance. It
-is that of the least expected error: by Mallows' C_p where the noise is known, else by generalised
-cross-validation (Craven and Wahba 1978, doi:10.1007/BF01404567). Both count each free parameter 1.4 times, as
-Kim and Gu (2004, doi:10.1046/j.1369-7412.2003.05316.x) found to keep a curve from following noise. There are
-about 2πL/(3Λ) + 3 of them across the path: the integral of the gain over all wavelengths.
+is the one that tells best where points are that were left out, 5 m of the path at a time. Rules that leave
+out one point at a time, or that take the noise for white, follow the slow errors of a localisation and give
+them for curvature (Opsomer, Wang and Yang 2001, "Nonparametric regression with correlated errors",
+doi:10.1214/ss/1009213287).
 
 The way along the path is at first that from point to point, which noise makes too long, then that of the
 nearest point of the curve before. Points of one small stretch count together, so that a stop weighs no more
@@ -46,9 +46,10 @@ FIRST_WAVELENGTH = 16.0  # [m]
 SHARPEST_TURN = np.deg2rad(100.0)  # between two chords; what is sharper goes back
 STRETCH = 0.25  # [m] in which points count together
 WAVELENGTHS = np.geomspace(6.0, 100.0, 18)  # [m]
-MORE_FREE = 1.4
+LEFT_OUT = 5.0  # [m] of the path, FOLDS times in turn
+FOLDS = 4
 KNOTS_OF_WAVELENGTH = 4.0
-ROUNDS = 3
+ROUNDS = 2
 NEWTON_ROUNDS = 5
 
 
@@ -102,7 +103,6 @@ def path_of_log(
     speed: Array,
     *,
     heading: Array | None = None,
-    noise: float | None = None,
 ) -> LoggedPath:
     """The path through logged points: those of a reference, or those of the truck itself.
 
@@ -111,7 +111,6 @@ def path_of_log(
     name : of the run
     x, y : (n,) [m]; speed : (n,) [m/s]; any may hold NaN
     heading : (n,) of the path [rad], to tell whether it was driven forwards
-    noise : standard deviation of a coordinate [m]; found from the scatter where None
 
     Raises
     ------
@@ -124,8 +123,8 @@ def path_of_log(
     curve = _Curve.through(along[kept], points.at(kept), FIRST_WAVELENGTH)
     for _ in range(ROUNDS):
         along = curve.nearest(along, points)
-        places, gathered, share = _gathered(along, points)
-        wavelength = _chosen(places, gathered, None if noise is None else noise**2 * share)
+        places, gathered = _gathered(along, points)
+        wavelength = _chosen(places, gathered)
         curve = _Curve.through(places, gathered, wavelength)
     scatter = curve.scatter(curve.nearest(along, points), points)
     path, own_speed = curve.sampled(name)
@@ -220,28 +219,29 @@ def _from_point_to_point(points: _Points, kept: NDArray[np.int64]) -> Array:
     return shared
 
 
-def _gathered(along: Array, points: _Points) -> tuple[Array, _Points, float]:
-    """Means over stretches of the path that have points, and their mean variance by that of a point."""
+def _gathered(along: Array, points: _Points) -> tuple[Array, _Points]:
+    """Means over stretches of the path that have points."""
     _, group = np.unique(np.floor(along / STRETCH), return_inverse=True)
     count = np.bincount(group)
     mean = [np.bincount(group, column) / count for column in (along, points.x, points.y, points.speed)]
-    return mean[0], _Points(*mean[1:]), float(np.mean(1.0 / count))
+    return mean[0], _Points(*mean[1:])
 
 
-def _chosen(along: Array, points: _Points, variance: float | None) -> float:
-    """Λ [m]: that of the least expected error, see above.
+def _chosen(along: Array, points: _Points) -> float:
+    """Λ [m] with which stretches that are left out are told best, see above."""
+    fold = np.floor((along - along[0]) / LEFT_OUT).astype(np.int64) % FOLDS
+    fold[[0, -1]] = -1
+    errors = [
+        sum(_error_of_fold(along, points, fold == one, wavelength) for one in range(FOLDS))
+        for wavelength in WAVELENGTHS
+    ]
+    return float(WAVELENGTHS[int(np.argmin(errors))])
 
-    variance : of the points across the path [m²]; None where it is not known
-    """
-    count = along.size
-    free = 2.0 * np.pi * float(np.ptp(along)) / (3.0 * WAVELENGTHS) + PENALISED
-    possible = MORE_FREE * free < 0.5 * count
-    possible[-1] = True
-    fits, free = WAVELENGTHS[possible], free[possible]
-    squares = np.array([_Curve.through(along, points, w).squares(along, points) for w in fits])
-    if variance is None:
-        return float(fits[np.argmin(squares / (1.0 - np.minimum(MORE_FREE * free / count, 0.9)) ** 2)])
-    return float(fits[np.argmin(squares + 2.0 * variance * MORE_FREE * free)])
+
+def _error_of_fold(along: Array, points: _Points, out: NDArray[np.bool_], wavelength: float) -> float:
+    kept, left = np.flatnonzero(~out), np.flatnonzero(out)
+    curve = _Curve.through(along[kept], points.at(kept), wavelength)
+    return curve.squares(along[left], points.at(left))
 
 
 @dataclass(frozen=True)
