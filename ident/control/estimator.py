@@ -31,8 +31,8 @@ from ident.dynamics.second_order import held_response
 Array = NDArray[np.float64]
 
 SPEEDS = np.arange(1.0, 36.0, 2.0)  # [m/s] for which gains are made
-STABLE_STEP = 0.7  # largest product of a step of the integration and the fastest eigenvalue
-LONGEST_STEP = 0.02  # [s]
+STABLE_STEP = 0.4  # largest product of a step of the integration and the fastest eigenvalue
+LONGEST_STEP = 0.01  # [s]
 FLAT = 1e-9  # [s] below which two instants are one
 
 # What the sensors are taken to add, and how fast what the model does not know may change. Steering angles in

@@ -47,7 +47,7 @@ Domain = Literal["time", "space"]
 
 KINEMATIC = "kinematic"
 EFFECTS = (STEERING_OFFSET, STEERING_RATIO_NONLINEARITY, LOAD_TRANSFER)
-SHORTEST_LAG = 0.005  # [s] of the drive; a shorter one is as good as none
+SHORTEST_LAG = 0.005  # [s] of steering and drive; a shorter one is as good as none
 CONTROLS = ("steering_request", "acceleration_request")
 SURROUNDINGS = ("curvature", "ratio_slope", "ratio_offset")
 DISTURBANCES = {
@@ -265,8 +265,8 @@ def _parameters(truck: Truck, effects: tuple[Effect, ...], wanted: tuple[str, ..
         **dict.fromkeys(("reference_x", "imu_x", "imu_y"), 0.0),
         **truck.parameters,
         "gain": steering.gain,
-        "time_constant_1": steering.time_constant_1,
-        "time_constant_2": steering.time_constant_2,
+        "time_constant_1": max(steering.time_constant_1, SHORTEST_LAG),
+        "time_constant_2": max(steering.time_constant_2, SHORTEST_LAG),
         "drive_lag": max(truck.drive.lag, SHORTEST_LAG),
     }
     for effect in effects:

@@ -34,7 +34,7 @@ class PID:
     def __init__(self, truck: Truck, period: float, weights: Mapping[str, float] | None = None) -> None:
         self.period = period
         self.weights = dict(PID_GAINS if weights is None else weights)
-        self.cornering = SteadyCornering(truck, period)
+        self.cornering = SteadyCornering(truck, period, self.weights["lead"])
         self._integral = 0.0
 
     @property

@@ -36,7 +36,7 @@ class PurePursuit:
     def __init__(self, truck: Truck, period: float, weights: Mapping[str, float] | None = None) -> None:
         self.period = period
         self.weights = dict(PURE_PURSUIT_GAINS if weights is None else weights)
-        self.cornering = SteadyCornering(truck, period)
+        self.cornering = SteadyCornering(truck, period, self.weights["lead"])
 
     @property
     def base(self) -> Base:

@@ -49,11 +49,13 @@ class SteadyCornering:
     """The common part of the controllers without a model of the lags.
 
     truck : as it is believed to be; period : [s]
+    lead : how much further than the steering's lags to look, for those of the tyres [s]
     """
 
-    def __init__(self, truck: Truck, period: float) -> None:
+    def __init__(self, truck: Truck, period: float, lead: float) -> None:
         steering = truck.steering
-        self.base = Base(truck, period, further=steering.time_constant_1 + steering.time_constant_2)
+        further = steering.time_constant_1 + steering.time_constant_2 + lead
+        self.base = Base(truck, period, further=further)
         self._targets: Targets | None = None
         self._angle_per_curvature: tuple[float, Schedule] | None = None
 

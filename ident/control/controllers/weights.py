@@ -32,13 +32,15 @@ def weight(acceptable: Mapping[str, float], name: str) -> float:
 
 
 PID_GAINS: Mapping[str, float] = {
-    "frequency": 1.2,
-    "damping": 0.9,
+    "lead": 0.2,  # [s]
+    "frequency": 1.3,
+    "damping": 2.0,
     "look_ahead_time": 0.0,
     "integral_time": 8.0,
 }
-PURE_PURSUIT_GAINS: Mapping[str, float] = {"look_ahead_time": 1.2, "shortest_look_ahead": 5.0}
+PURE_PURSUIT_GAINS: Mapping[str, float] = {"look_ahead_time": 0.65, "shortest_look_ahead": 5.0, "lead": 0.2}
 STANLEY_GAINS: Mapping[str, float] = {
+    "lead": 0.2,  # [s]
     "error_gain": 0.8,
     "softening_speed": 1.0,
     "heading_gain": 0.5,
