@@ -23,7 +23,7 @@ from ident.dynamics.tyres.pac2002_axle import (
     slip_ratio_of_file,
     wheel_forces,
 )
-from ident.dynamics.tyres.pac2002_coefficients import NEEDED, Pac2002, pac2002_from_file
+from ident.dynamics.tyres.pac2002_coefficients import NEEDED, Pac2002, pac2002_from_file, with_scaling
 from ident.dynamics.tyres.property_file import parse_property_file, read_property_file
 from ident.errors import BadRecipe
 
@@ -156,6 +156,13 @@ def test_the_side_of_the_tyre_is_read(side: str, expected: str) -> None:
     assert tyre_of_text(tyre_text(model={"TYRESIDE": side})).side == expected
 
 
+def test_a_tyre_of_the_right_side_is_itself_on_the_right() -> None:
+    right = tyre_of_text(tyre_text(model={"TYRESIDE": "RIGHT"}))
+    state = {"slip_angle": 0.07, "load": 3e4, "slip_ratio": None, "camber": 0.02}
+    assert numbers(right, "right", **state) == numbers(TRUCK, "left", **state)
+    assert numbers(right, "left", **state) == numbers(TRUCK, "right", **state)
+
+
 def test_a_negative_use_mode_mirrors_the_tyre() -> None:
     assert tyre_of_text(tyre_text(model={"USE_MODE": -14.0})).side == "right"
     assert tyre_of_text(tyre_text(model={"USE_MODE": 14.0})).side == "left"
@@ -173,6 +180,22 @@ def test_what_is_missing_later_is_zero_and_scaling_factors_are_one() -> None:
     assert tyre.missing == ()
     assert tyre.load_range == (2000.0, 70000.0)
     assert tyre_of_text(tyre_text().replace("LFZO ", "LFZ0 ")).value("LFZO") == SCALING["LFZO"]
+
+
+def test_a_file_of_mf_tyre_5_is_read_by_its_fit_type() -> None:
+    tyre = tyre_of_text(tyre_text(model={"PROPERTY_FILE_FORMAT": "", "FITTYP": 6}))
+    assert tyre.coefficients == TRUCK.coefficients
+
+
+def test_scaling_factors_of_a_fit_are_written_into_the_file() -> None:
+    text = tyre_text(without="LKG").replace("LFZO ", "LFZ0 ")
+    file = parse_property_file(text.encode(), "some.tir")
+    fitted = with_scaling(file, {"LKY": 1.234, "LFZO": 0.9, "LKG": 1.1})
+    changed = {"LKY": 1.234, "LFZO": 0.9, "LKG": 1.1}
+    assert dict(pac2002_from_file(fitted).coefficients) == VALUES | changed
+    assert len([line for line in fitted.lines if line not in file.lines]) == 3
+    with pytest.raises(ValueError, match="no scaling factors: PKY1"):
+        with_scaling(file, {"PKY1": 1.0})
 
 
 def test_what_is_not_modelled_is_listed() -> None:
@@ -199,6 +222,8 @@ def test_what_is_not_modelled_is_listed() -> None:
         (tyre_text(FNOMIN=-1.0), "FNOMIN = -1, need a positive number"),
         (tyre_text(UNLOADED_RADIUS=0), "UNLOADED_RADIUS = 0, need a positive number"),
         (tyre_text(PKY1="much"), "PKY1 = 'much' .not a number."),
+        (tyre_text(LFZO=0), "LFZO = 0, need a positive scaling factor"),
+        (tyre_text(LMUY=-0.5), "LMUY = -0.5, need a positive scaling factor"),
         (tyre_text(LKY="1,1"), "LKY = '1,1' .not a number."),
         (tyre_text(without="PCX1 PCY1"), "no force can be computed: the file lacks PCY1: is the file whole"),
         (
@@ -256,7 +281,9 @@ def test_files_of_others_hold_what_they_hold(name: str, missing: tuple[str, ...]
     tyre = pac2002_from_file(read_property_file(OTHERS / name))
     assert tuple(part for part, _ in tyre.missing) == missing
     nominal = tyre.value("FNOMIN")
-    force, slope, _ = evaluate(pac2002_axle(tyre), np.array([0.0, 0.05, 0.5]), scaling_of(tyre), 2 * nominal)
+    force, slope, _ = evaluate(
+        pac2002_axle(tyre, free=("LKY",)), np.array([0.0, 0.05, 0.5]), {"LKY": 1.0}, 2 * nominal
+    )
     assert 4 < slope[0] / (2 * nominal) < 25
     assert 0 < force[1] < force[2] < 1.3 * 2 * nominal
 

@@ -275,10 +275,18 @@ def test_a_new_keyword_needs_a_section_and_a_value_a_finite_number() -> None:
     file = file_of(with_line("A = 1"))
     with pytest.raises(BadRecipe, match="NEW is not in the file, need a section"):
         file.with_numbers({"NEW": 1.0})
-    with pytest.raises(BadRecipe, match="NEW is not in the file, need a section"):
-        file.with_numbers({"NEW": 1.0}, section="NO_SUCH_SECTION")
+    added = file.with_numbers({"NEW": 1.0, "NEWER": 2.0}, section="another")
+    assert added.lines[: len(file.lines)] == file.lines
+    assert [entry.section for entry in added.entries[-2:]] == ["ANOTHER", "ANOTHER"]
+    assert (added.number("NEW"), added.number("NEWER")) == (1.0, 2.0)
     with pytest.raises(BadRecipe, match="A = nan, need a finite number"):
         file.with_numbers({"A": float("nan")})
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+@settings(max_examples=100, deadline=None)
+def test_a_number_that_is_written_reads_back_as_itself(value: float) -> None:
+    assert file_of(with_line("LKY = 1 $ stiffness")).with_numbers({"LKY": value}).number("LKY") == value
 
 
 def test_a_file_that_cannot_be_read_or_is_huge_is_refused(tmp_path: Path) -> None:

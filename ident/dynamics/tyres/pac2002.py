@@ -249,5 +249,5 @@ def at_most_one(x: Expr) -> Expr:
 def reciprocal(x: Expr) -> Expr:
     """1/x with its sign, smooth and 0 at x = 0; elsewhere 1/x but for 1e-16/x², relatively."""
     if x.is_number:
-        return 1 / x
+        return 1 / x if x != 0 else ZERO
     return x / (x**2 + NEGLIGIBLE)

@@ -11,6 +11,7 @@ What the file holds beyond the steady-state forces and the aligning moment is li
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -61,6 +62,7 @@ SCALING = {
     "LS": "lever arm of the longitudinal force",
     "LIP": "inflation pressure",
 }
+POSITIVE = ("LFZO", "LCX", "LMUX", "LKX", "LCY", "LMUY", "LKY")  # the curves have no meaning without
 OTHER_SPELLINGS = {"LFZO": ("LFZ0",), "LKG": ("LKYG",)}
 # What makes the tyre pull to a side, so that F_y(-α, -γ) is not -F_y(α, γ): zero in a symmetric tyre.
 ONE_SIDED = "PEY3 PHY1 PHY2 PVY1 PVY2 RBY3 RHX1 RVY1 RVY2 QBZ4 QDZ3 QDZ6 QDZ7 QEZ4 QHZ1 QHZ2 SSZ1"
@@ -131,6 +133,8 @@ def pac2002_from_file(file: PropertyFile) -> Pac2002:
     for name in SCALING:
         given = file.number(name, *OTHER_SPELLINGS.get(name, ()))
         values[name] = 1.0 if given is None else given
+        if name in POSITIVE and values[name] <= 0:
+            raise BadRecipe(f"{file.source}: {name} = {values[name]:g}, need a positive scaling factor")
     missing: list[tuple[Part, str]] = []
     for part in get_args(Part):
         reason = _read_part(file, part, values)
@@ -145,6 +149,28 @@ def pac2002_from_file(file: PropertyFile) -> Pac2002:
         values |= dict.fromkeys(ONE_SIDED.split(), 0.0)
     limits = (file.number("FZMIN"), file.number("FZMAX"))
     return Pac2002(tuple(values.items()), tuple(missing), side, _left_out(file), limits, file.source)
+
+
+def with_scaling(file: PropertyFile, scaling: Mapping[str, float]) -> PropertyFile:
+    """Return a property file with other scaling factors, such as those of a fit; all else stays as it is.
+
+    Parameters
+    ----------
+    scaling : name in ``SCALING`` -> value; one that the file lacks is added to its scaling section
+
+    Raises
+    ------
+    BadRecipe
+        If a value is not finite.
+    ValueError
+        If a name is no scaling factor.
+    """
+    unknown = sorted(set(scaling) - set(SCALING))
+    if unknown:
+        raise ValueError(f"no scaling factors: {', '.join(unknown)}; there are {', '.join(SCALING)}")
+    spelt = {name: file.entry(name, *OTHER_SPELLINGS.get(name, ())) for name in scaling}
+    as_spelt = {(entry.keyword if entry else name): scaling[name] for name, entry in spelt.items()}
+    return file.with_numbers(as_spelt, section="SCALING_COEFFICIENTS")
 
 
 def _refuse_other_models(file: PropertyFile) -> None:

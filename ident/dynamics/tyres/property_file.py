@@ -137,7 +137,8 @@ class PropertyFile:
         Parameters
         ----------
         values : keyword -> value in SI
-        section : where a keyword that the file lacks is added, at the end; None: that is refused
+        section : at whose end a keyword is added that the file lacks, itself added if need be; None: a
+            missing keyword is refused
 
         Raises
         ------
@@ -155,27 +156,27 @@ class PropertyFile:
                     lines[entry.line] = _with_value(lines[entry.line], entry, _as_text(stored))
             if not places:
                 new.append(f"{keyword:<24} = {_as_text(stored)}")
-        if new:
-            self._insert(lines, new, section)
+        if new and section is None:
+            raise BadRecipe(
+                f"{self.source}: {new[0].split()[0]} is not in the file, need a section to add it to"
+            )
+        if new and section is not None:
+            self._insert(lines, new, section.upper())
         return parse_property_file("".join(lines).encode(self.encoding), self.source)
 
     def to_bytes(self) -> bytes:
         """Return the file as it is stored."""
         return "".join(self.lines).encode(self.encoding)
 
-    def _insert(self, lines: list[str], new: list[str], section: str | None) -> None:
-        wanted = (section or "").upper()
-        own = [entry.line for entry in self.entries if entry.section == wanted]
-        if section is None or not own:
-            name = new[0].split()[0]
-            raise BadRecipe(
-                f"{self.source}: {name} is not in the file, need a section with keywords to add it to"
-            )
-        end = re.search(r"[\r\n]*$", self.lines[0])
-        ending = (end[0] if end else "") or "\n"
-        if not lines[own[-1]].endswith(("\n", "\r")):
-            lines[own[-1]] += ending
-        lines[own[-1]] += "".join(text + ending for text in new)
+    def _insert(self, lines: list[str], new: list[str], section: str) -> None:
+        """Add lines after the last keyword of a section, or in a section of their own at the end."""
+        own = [entry.line for entry in self.entries if entry.section == section]
+        at = own[-1] if own else len(lines) - 1
+        ending = lines[0][len(lines[0].rstrip("\r\n")) :] or "\n"
+        if not lines[at].endswith(("\n", "\r")):
+            lines[at] += ending
+        added = new if own else [f"[{section}]", *new]
+        lines[at] += "".join(text + ending for text in added)
 
 
 def read_property_file(path: Path) -> PropertyFile:
