@@ -40,6 +40,7 @@ from ident.control.truck import Truck
 
 Array = NDArray[np.float64]
 
+DRIFTS = ("drift", "turn_drift")
 PATIENCE = 10  # cycles that a plan is followed on without a new one
 SLACK_LINEAR, SLACK_QUADRATIC = 20.0, 20.0  # [1/m], [1/m²] price of leaving the lane; see ``qp``
 
@@ -53,12 +54,14 @@ class Settings:
     lane : half width that the tracked point may use [m]
     steering_rate : limit of the request's rate, as one of the road wheels [rad/s]; None where there is none
     acceptable : deviations, see ``weights``
+    slowness : time in which a drift that was estimated is believed [s]
     """
 
     domain: Domain
     horizon: int = 40
     lane: float = 1.0
     steering_rate: float | None = None
+    slowness: float = 0.0
     acceptable: Mapping[str, float] = field(default_factory=lambda: dict(ACCEPTABLE))
 
 
@@ -103,6 +106,7 @@ class Mpc:
         self.base.reset()
         self._targets: Targets | None = None
         self._last: Course | None = None
+        self._drifts: Array | None = None
         self._age, self.failures = 0, 0
         self.program: QuadraticProgram | None = None
 
@@ -154,7 +158,18 @@ class Mpc:
         time = float(targets.time(np.array([arc_length]))[0]) + situation.lateness
         if self.settings.domain == "space":
             state[0] = time
-        return Outlook(time, arc_length, state, np.array(situation.previous), situation.disturbance)
+        disturbance = self._believed(situation.disturbance)
+        return Outlook(time, arc_length, state, np.array(situation.previous), disturbance)
+
+    def _believed(self, disturbance: Array) -> Array:
+        """The estimate, its drifts no faster than ``slowness``."""
+        if self.settings.slowness == 0.0:
+            return disturbance
+        if self._drifts is None:
+            self._drifts = np.zeros(disturbance.size)
+        self._drifts += self.period / (self.period + self.settings.slowness) * (disturbance - self._drifts)
+        is_drift = [name in DRIFTS for name in self.prediction.disturbances]
+        return np.where(is_drift, self._drifts, disturbance)
 
     def _nominal(self, outlook: Outlook) -> tuple[Outlook, dict[str, Any]]:
         """What is planned from: the truck itself, or where the last plan of a nominal one has come to."""

@@ -6,8 +6,9 @@ so that what a change of a request costs and how fast it may change are a weight
 how far a request may go is a limit of a state.
 
 Weights are those of ``weights``: each quantity counts by the square of its acceptable deviation, integrated
-over time. The terminal cost is that of the infinite horizon on a straight road at the speed of the horizon's
-end, from the discrete algebraic Riccati equation (ARE).
+over time. The steering is priced by how its request changes, and not by how far it is from that of steady
+cornering, which no manoeuvre holds. The terminal cost is that of the infinite horizon on a straight road at
+the speed of the horizon's end, from the discrete algebraic Riccati equation (ARE).
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ class Weights:
 
     def of_states(self, speed: float, duration: float) -> Array:
         """(n,) diagonal of Q of a step of this duration [s] at this speed [m/s]."""
-        names = (*self._prediction.states, *CONTROLS)
+        names = (*self._prediction.states, "", "acceleration_request")
         return np.array([duration * self._weight(name, speed) for name in names])
 
     def of_changes(self, duration: float) -> Array:

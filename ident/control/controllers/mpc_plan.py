@@ -1,8 +1,9 @@
 """The problem of a predictive controller: a grid ahead, the course to linearise about, and its values.
 
 The model is linearised about the last plan, moved on to the new grid (LTV); where there is none, and beyond
-its end, about the goals. All values of the program are deviations ζ = ξ - goal, so that neither the arc
-length of a long path nor the time of day enters the arithmetic:
+its end, about the goals. The goals are steady states one after another; their steering moves from each to the
+next, and their requests lead it by the lags. All values of the program are deviations ζ = ξ - goal, so that
+neither the arc length of a long path nor the time of day enters the arithmetic:
 
     ζ_(k+1) = A_k ζ_k + B_k (Δu_k - Δw_k) + [A_k g_k + B_k Δw_k + c_k - g_(k+1)],  w: requests of the goals
 
@@ -95,6 +96,7 @@ class Planner:
         count = self.horizon + 1
         wanted = np.hstack([goals.states[:count], goals.controls[:count]])
         wanted[:, 0] = targets.time(grid) if self.domain == "space" else targets.arc_length(grid)
+        self._lead(wanted, np.diff(arc_lengths))
         course = self._course(grid, outlook, wanted, arc_lengths, last)
         steps = np.diff(grid)
         angle = course.states[:-1, self.prediction.index["steering_angle"]]
@@ -120,6 +122,22 @@ class Planner:
         beyond = np.maximum(grid - last.grid[-1], 0.0) * last.states[-1, self._speed]
         found: Array = planned + beyond + outlook.arc_length - planned[0]
         return found
+
+    def _lead(self, wanted: Array, ways: Array) -> None:
+        """Let the steering of the goals move: its rate, and the requests ahead of it by the lags.
+
+        wanted : (N + 1, n) steady states and requests, changed in place; ways : (N,) between them [m]
+        """
+        place, steering = self.prediction.index, self.prediction.truck.steering
+        speed = np.maximum(wanted[:, self._speed], SLOWEST)
+        passed = np.concatenate([[0.0], np.cumsum(ways / (0.5 * (speed[:-1] + speed[1:])))])
+        if np.any(np.diff(passed) <= 0.0):
+            return
+        rate = np.gradient(wanted[:, place["steering_angle"]], passed)
+        wanted[:, place["steering_rate"]] = rate
+        size = len(self.prediction.states)
+        wanted[:, size] += (steering.time_constant_1 + steering.time_constant_2) / steering.gain * rate
+        wanted[:-1, size:] = 0.5 * (wanted[:-1, size:] + wanted[1:, size:])
 
     def _course(
         self, grid: Array, outlook: Outlook, wanted: Array, arc_lengths: Array, last: Course | None

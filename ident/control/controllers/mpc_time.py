@@ -11,6 +11,7 @@ from ident.control.prediction import KINEMATIC
 from ident.control.qp import QuadraticProgram
 from ident.control.truck import Truck
 
+LASTING = 3.0  # [s] in which a drift is believed that the kinematic model cannot tell from slip
 KINEMATIC_EFFECTS = ("steering_offset",)  # those that a model without tyres has too
 
 
@@ -33,8 +34,12 @@ def mpc_time_kinematic(
     *,
     keep: Callable[[QuadraticProgram], None] | None = None,
 ) -> Mpc:
-    """LTV-MPC in time that takes the truck to be kinematic: no tyre slips."""
+    """LTV-MPC in time that takes the truck to be kinematic: no tyre slips.
+
+    What such a model sees of slip in a manoeuvre looks like a drift; only one that lasts is taken for one.
+    """
     effects = {name: truck.effects[name] for name in KINEMATIC_EFFECTS if name in truck.effects}
     believed = replace(truck, model=KINEMATIC, effects=effects)
-    settings = Settings("time", acceptable=ACCEPTABLE if weights is None else weights)
+    acceptable = ACCEPTABLE if weights is None else weights
+    settings = Settings("time", slowness=LASTING, acceptable=acceptable)
     return Mpc("mpc_time_kinematic", believed, period, settings, keep=keep)
