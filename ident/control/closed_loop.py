@@ -5,8 +5,8 @@ held until the next; a command may be dropped on its way, then the last one hold
 ``Measured`` and ``Reference`` only. Nothing random is shared: noise and drops have seeds of their own.
 
 A run ends where the tracked point has come to the end of the path, or where the path is lost: beyond the
-lateral limit, at the centre of the path's curvature (1 - κ e_y <= 0), when a number is no longer finite, or
-when the truck has taken much longer than stipulated.
+lateral limit, at the centre of the path's curvature (1 - κ e_y <= 0), when the motion is no longer finite,
+when the truck has taken much longer than stipulated, or when a command is no number.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ from ident.control.tracking import project
 from ident.errors import BadRecipe
 
 Array = NDArray[np.float64]
-Outcome = Literal["completed", "left_the_lane", "folded", "blew_up", "too_late"]
+Outcome = Literal["completed", "left_the_lane", "folded", "blew_up", "too_late", "no_command"]
 
 DROPS = 1  # stream of random numbers; those of the sensors are told by the names of their signals
 AT_START = (
     *("position_x", "position_y", "heading", "heading_error", "speed", "acceleration"),
     *("lateral_velocity", "yaw_rate", "road_wheel_angle"),
 )
+AT_THE_END = 1e-6  # [m] of the end of the path: rounding
 FASTEST = 1e4  # [m/s] or [rad/s] beyond which a model has blown up
 
 
@@ -188,19 +189,20 @@ class _Loop:
         outcome: Outcome | None = None
         while outcome is None:
             dropped.append(bool(drops.random() < self.settings.dropped))
-            self._cycle(self.controller.period * len(dropped), dropped=dropped[-1])
-            outcome = self._outcome()
+            asked = self._cycle(self.controller.period * len(dropped), dropped=dropped[-1])
+            outcome = self._outcome() if asked else "no_command"
         return self._told(outcome, np.array(dropped))
 
-    def _cycle(self, until: float, *, dropped: bool) -> None:
+    def _cycle(self, until: float, *, dropped: bool) -> bool:
+        """Go on by one cycle; whether the controller gave a command that is a number."""
         measured = self.ride.measured()
         command, diagnostics = self.controller.step(measured, self.reference)
-        if not (math.isfinite(command.steering_request) and math.isfinite(command.acceleration_request)):
-            raise ValueError(f"{self.controller.name} asks for {command} at {measured.time:g} s")
+        asked = math.isfinite(command.steering_request) and math.isfinite(command.acceleration_request)
         self.measured.append(measured)
         self.commands.append(command)
         self.diagnostics.append(diagnostics)
-        self.stretches.append(self.ride.advance(None if dropped else command, until))
+        self.stretches.append(self.ride.advance(command if asked and not dropped else None, until))
+        return asked
 
     def _outcome(self) -> Outcome | None:
         """How the run has ended by now, None where it goes on."""
@@ -208,15 +210,14 @@ class _Loop:
         if not all(abs(end[name][0]) < FASTEST for name in ("lateral_velocity", "yaw_rate")):
             return "blew_up"
         x, y = tracked_point(end, self.reference.tracked_x)
-        moved = end["longitudinal_velocity"][0] * self.controller.period
-        near = np.array([self.places[-1] + moved])
+        near = np.array(self.places[-1:])
         s, left, _, curvature = (float(found[0]) for found in project(self.reference, x, y, near))
         self.places.append(s)
         if 1 - curvature * left <= 0:
             return "folded"
         if not abs(left) <= self.settings.lateral_limit:
             return "left_the_lane"
-        if s >= self.reference.arc_length[-1]:
+        if s >= self.reference.arc_length[-1] - AT_THE_END:
             return "completed"
         longest = self.settings.patience * float(self.reference.time[-1]) + self.settings.grace
         return "too_late" if self.ride.time >= longest else None

@@ -121,18 +121,19 @@ def _place(name: str, truck: Truck) -> Place | None:
         return ("steering", rest) if rest in truck.steering.__dataclass_fields__ else None
     key, own = _effect(rest)
     values = truck.effects.get(key, {})
-    matching = [full for full in values if full == rest or full.rpartition(".")[2] == own]
+    matching = [full for full in values if full == rest or full.rpartition(".")[2] in own]
     return ("effects", key, matching[0]) if len(matching) == 1 else None
 
 
-def _effect(rest: str) -> tuple[str, str]:
-    """Key in ``Truck.effects`` and short name of the parameter."""
+def _effect(rest: str) -> tuple[str, tuple[str, ...]]:
+    """Key in ``Truck.effects`` and the short names that the parameter may have."""
     first, _, last = rest.partition(".")
     if first == "steering_offset":
-        return first, last or first
+        return first, (first, "angle")
     if first == "delay":
-        return f"sensor_latency {'steering_angle' if last == 'road_wheel_angle' else last}", "delay"
-    return CALLED.get(rest, (first, last))
+        return f"sensor_latency {'steering_angle' if last == 'road_wheel_angle' else last}", ("delay",)
+    key, own = CALLED.get(rest, (first, last))
+    return key, (own,)
 
 
 def _value(truck: Truck, place: Place) -> float:
@@ -167,8 +168,9 @@ def _is_positive(place: Place) -> bool:
 def _one(truck: Truck, spread: _Spread, random: np.random.Generator) -> Truck:
     for _ in range(TRIES):
         moved = spread.factor @ random.standard_normal(spread.factor.shape[1])
-        values = np.where(spread.in_log, spread.values * np.exp(np.where(spread.in_log, moved, 0.0)), 0.0)
-        values = np.where(spread.in_log, values, spread.values + moved)
+        with np.errstate(over="ignore"):  # no truck either
+            factors = np.exp(np.where(spread.in_log, moved, 0.0))
+        values = np.where(spread.in_log, spread.values * factors, spread.values + moved)
         made = _with(truck, dict(zip(spread.places, values.tolist(), strict=True)))
         if _is_possible(made):
             return made
