@@ -9,7 +9,7 @@ from pydantic import TypeAdapter
 
 from ident.report.html import _plain, render, table_json
 from ident.report.page import Columns, Details, Facts, Figure, Lines, Table, Text
-from ident.report.pages import validate_figures, validate_tables
+from ident.report.pages import validate_conclusions, validate_figures
 from ident.report.pages.validate import validate_page
 from ident.report.palette import LIGHT
 from ident.results.validate import MismatchCurve, ModelPair, ValidateResult
@@ -76,9 +76,9 @@ def test_the_first_table_is_scenario_by_controller_best_first(page, result):
         "bad",
         "✗\u00a0all 5 lost",
     )
-    best = table.cells()[0][1]
-    assert best.text == "★\u00a00.289"
-    assert best.detail == "0.227 … 0.350"
+    best = table.cells()[1][1]
+    assert best.text == "★\u00a00.112"
+    assert best.detail == "0.091 … 0.132"
     robust = next(row for row in table.cells() if "robust" in row[0].text)
     assert (robust[-1].text, robust[-1].tone) == ("✗\u00a099", "bad")
     records = json.loads(table_json(table))
@@ -194,7 +194,7 @@ def test_a_curve_ends_in_a_cross_where_the_path_was_lost(result):
         ("mass", "1", [-0.4, 0.3], (100.0, "mass, change [%]")),
         ("friction", "1", [0.3, 1.0], (1.0, "friction [–]")),
         ("friction", "1", [-0.3, 0.0], (100.0, "friction, change [%]")),
-        ("dead_time", "s", [0.1], (1.0, "dead time [s]")),
+        ("dead_time", "s", [0.1], (1.0, "dead time, change [s]")),
         ("heading_error", "rad", [0.1], (1e3, "heading error at the start [mrad]")),
         ("<b>", "1", [0.1], (100.0, "&lt;b&gt;, change [%]")),
     ],
@@ -231,8 +231,8 @@ def test_levels_say_what_differs_by_how_much_and_where_it_stops(page):
 
 
 def test_a_level_without_a_known_unit_has_none():
-    assert validate_tables.level_text("effort", 0.25, None) == "effort 0.25"
-    assert validate_tables.level_text("effort", 0.25, 0.1) == "✗\u00a0effort 0.25 (0.10)"
+    assert validate_conclusions.level_text("effort", 0.25, None) == "effort 0.25"
+    assert validate_conclusions.level_text("effort", 0.25, 0.1) == "✗\u00a0effort 0.25 (0.10)"
 
 
 @pytest.mark.parametrize("kind", [validation.bare, validation.nothing])

@@ -232,9 +232,8 @@ def test_a_level_without_its_own_log_rows_takes_those_of_another(tables):
 def test_the_terminal_tells_verdict_table_worst_claims_levels_and_what_next(result):
     lines = describe_validate(result).splitlines()
     assert lines[0] == result.verdict
-    table = [line for line in lines if line.startswith("  LQR, feed-forward")]
-    assert len(table) == 1
-    assert table[0].split()[2:4] == ["*", "0.289"]
+    (best,) = [line for line in lines if line.startswith("  MPC spatial ")]
+    assert best.split()[2:4] == ["*", "0.112"]
     stanley = next(line for line in lines if line.startswith("  Stanley"))
     assert "✗ all 5 lost" in stanley
     robust = next(line for line in lines if line.startswith("  MPC robust"))

@@ -21,6 +21,7 @@ from ident.report.page import (
     Verdict,
 )
 from ident.report.pages import health
+from ident.report.pages import validate_conclusions as conclusions
 from ident.report.pages import validate_figures as figures
 from ident.report.pages import validate_runs as runs_of
 from ident.report.pages import validate_tables as tables_of
@@ -96,7 +97,7 @@ def _scenarios(result: ValidateResult) -> list[Block]:
     return [
         Details(
             tables_of.scenario_summary(result, name),
-            [tables_of.scenario_table(result, name)],
+            tables_of.scenario_tables(result, name),
             open=name == found[0],
         )
         for name in found
@@ -105,8 +106,8 @@ def _scenarios(result: ValidateResult) -> list[Block]:
 
 def _claims(result: ValidateResult) -> list[Block]:
     found = by_claim(result.claims)
-    inside = tables_of.differences(found)
-    return [tables_of.claims(found), *([Details("Each difference", [inside])] if inside else [])]
+    inside = conclusions.differences(found)
+    return [conclusions.claims(found), *([Details("Each difference", [inside])] if inside else [])]
 
 
 def _worst(result: ValidateResult, tables: Mapping[str, pd.DataFrame]) -> list[Block]:
@@ -142,7 +143,7 @@ def _mismatch(result: ValidateResult) -> list[Block]:
 
 
 def _margins(result: ValidateResult) -> list[Block]:
-    return [tables_of.margins(result.margins)]
+    return [conclusions.margins(result.margins)]
 
 
 def _times(result: ValidateResult) -> list[Block]:
@@ -160,7 +161,7 @@ def _logged(result: ValidateResult, tables: Mapping[str, pd.DataFrame]) -> list[
     blocks: list[Block] = [
         Lines([("Reached:", f"{reached_text(result)}.")]),
         Text(LOGGED, "muted"),
-        tables_of.levels(result.logged),
+        conclusions.levels(result.logged),
     ]
     names = logged_runs(tables)
     for name in names[:MOST_LOGGED]:

@@ -31,7 +31,7 @@ from ident.report.validated import (
 from ident.results.validate import MismatchCurve, ModelPair, ScenarioName, ValidateResult
 
 COMPARED = (
-    "lateral_error_max",
+    "lateral_error_rms",
     "lateral_error_settled",
     "steering_rate_rms",
     "braking_work",
@@ -117,6 +117,12 @@ def with_legend_below(spec: dict[str, Any], height: int) -> tuple[dict[str, Any]
     legend = {**layout["legend"], "x": 0.0, "xref": "container", "y": 1 - line / (height + line)}
     changed = {**layout, "height": height + line, "margin": margin, "legend": legend}
     return {**spec, "layout": changed}, height + line
+
+
+def broken_above(traces: Sequence[figures.Trace]) -> list[figures.Trace]:
+    """Draw broken lines over solid ones, so that all are seen; the legend keeps its order."""
+    ranked = [{**trace, "legendrank": rank} for rank, trace in enumerate(traces, 1)]
+    return sorted(ranked, key=lambda trace: bool(trace["line"]["dash"] == "solid"), reverse=True)
 
 
 def pairs_figure(result: ValidateResult) -> Figure | None:
@@ -244,7 +250,7 @@ def _mismatch_figure(result: ValidateResult, scenario: str, curves: Sequence[Mis
     caption = (
         "Largest lateral error over the size of one mismatch of the simulated truck, all else as the "
         "controller believes; crosses at the top: the path was lost; dashed red: edge of the lane "
-        f"({with_unit(result.lane_half_width, 'm', 2)})."
+        f"({with_unit(result.lane_half_width, 'm')})."
     )
     return Figure(*with_legend_below(spec, height), f"Mismatch: {scenario_name(scenario)}", caption)
 
@@ -269,7 +275,7 @@ def _mismatch_panel(
         traces += _mismatch_traces(curve, factor, LOST_ABOVE * top)
     return figures.Panel(
         "",
-        traces,
+        broken_above(traces),
         x=axis,
         y="|e_y| max [m]" if first else "",
         y_range=(0.0, 1.12 * top),
@@ -282,7 +288,7 @@ def mismatch_axis(curve: MismatchCurve) -> tuple[float, str]:
     """Give the factor and the title of the axis of a mismatch; shares are in percent, friction as it is."""
     name = figures.label(mismatch_name(curve.what), 40)
     if curve.unit != "1":
-        return (1e3, f"{name} [mrad]") if curve.unit == "rad" else (1.0, f"{name} [{curve.unit}]")
+        return (1e3, f"{name} [mrad]") if curve.unit == "rad" else (1.0, f"{name}, change [{curve.unit}]")
     if curve.what == "friction" and min(curve.sizes, default=0.0) > 0:
         return 1.0, f"{name} [–]"
     return 100.0, f"{name}, change [%]"
@@ -301,7 +307,9 @@ def _mismatch_traces(curve: MismatchCurve, factor: float, lost_at: float) -> lis
     lost = x[np.isnan(y)]
     if not lost.size:
         return [drawn]
-    crosses = figures.curve(lost, np.full(lost.size, lost_at), role, name, hover="path lost at %{x:.3g}")
+    crosses = figures.curve(
+        lost, np.full(lost.size, lost_at), role, name, dash=dash, hover="path lost at %{x:.3g}"
+    )
     crosses |= {"mode": "markers", "marker": {"color": LIGHT[role], "size": 8, "symbol": "x"}}
     return [drawn, {**crosses, "legendgroup": curve.controller}]
 

@@ -13,7 +13,7 @@ from ident.report import figures
 from ident.report.condense import Array, Line
 from ident.report.improved import column
 from ident.report.page import Figure
-from ident.report.pages.validate_figures import with_legend_below
+from ident.report.pages.validate_figures import broken_above, with_legend_below
 from ident.report.palette import LIGHT
 from ident.report.validated import (
     CONTROLLERS,
@@ -164,7 +164,7 @@ def start_figure(result: ValidateResult, start: Start) -> Figure:
         traces = [_of_controller(result.runs[index], start.runs[index], name, factor) for index in order]
         largest = max(start.runs.values(), key=_largest_error)
         marks = _lane_marks(largest, result.lane_half_width) if name == "lateral_error" else []
-        panels.append(figures.Panel("", traces, x="", y=axis, marks=marks))
+        panels.append(figures.Panel("", broken_above(traces), x="", y=axis, marks=marks))
     caption = (
         "All from the start at which one of them did worst; dashed red: edge of the lane, where it is near."
     )

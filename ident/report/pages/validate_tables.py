@@ -9,30 +9,22 @@ import numpy as np
 from ident.report.numbers import (
     NONE,
     count,
-    estimate_interval,
-    estimate_value,
     fixed,
-    shorten,
     significant,
-    unit_text,
     with_unit,
 )
-from ident.report.page import Block, Column, Facts, Table, Text, Tone
+from ident.report.page import Block, Column, Details, Facts, Table, Text, Tone
 from ident.report.page import Cell as Entry
 from ident.report.pages import health
-from ident.report.tyre_parameters import displayed
 from ident.report.validated import (
+    ALWAYS_TOLD,
     BEST,
-    HOLDS,
-    LEVELS,
     SHORT_SCENARIOS,
     cell_of,
     completed_text,
     controller_name,
     controllers_of,
     disturbance_text,
-    level_unit,
-    levels_by_run,
     lost_in,
     main_measure,
     measure_of,
@@ -46,8 +38,7 @@ from ident.report.validated import (
     shown_score,
     simulated_name,
 )
-from ident.results import Estimate, LoggedLevel
-from ident.results.validate import Cell, Claim, ClosedLoopRun, MarginLoss, ModelPair, ValidateResult
+from ident.results.validate import Cell, ClosedLoopRun, ModelPair, ValidateResult
 
 STARRED = f"{BEST}: no other controller is clearly better there (paired over the same starts)"
 MEDIANS = "median over the runs that came to the end; small: its 95 % interval"
@@ -160,11 +151,19 @@ def _speeds(speeds: Sequence[float]) -> Entry:
     return Entry(f"{ends[0]}\u00a0km/h" if ends[0] == ends[1] else f"{ends[0]} … {ends[1]}\u00a0km/h")
 
 
-def scenario_table(result: ValidateResult, scenario: str) -> Table:
-    """Give every measure of every controller in one scenario."""
+def scenario_tables(result: ValidateResult, scenario: str) -> list[Block]:
+    """Give every measure of every controller in one scenario, the rarely asked ones behind a line."""
     found = [cell_of(result, name, scenario) for name in controllers_of(result)]
     cells = [cell for cell in found if cell is not None]
     measures = measures_of(cells)
+    first, rest = ([m for m in measures if (m in ALWAYS_TOLD) == told] for told in (True, False))
+    tables: list[Block] = [_scores(cells, first or rest, f"validate_{scenario}.csv")]
+    if first and rest:
+        tables.append(Details("Other measures", [_scores(cells, rest, f"validate_{scenario}_other.csv")]))
+    return tables
+
+
+def _scores(cells: Sequence[Cell], measures: Sequence[str], download: str) -> Table:
     heads = [Column(measure_of(name, _unit(cells, name)).head, "number") for name in measures]
     rows = [
         [
@@ -175,7 +174,7 @@ def scenario_table(result: ValidateResult, scenario: str) -> Table:
         for cell in cells
     ]
     columns = [Column("controller"), Column("came through"), *heads]
-    return Table(columns, rows, notes=[MEDIANS, STARRED], download=f"validate_{scenario}.csv")
+    return Table(columns, rows, notes=[MEDIANS, STARRED], download=download)
 
 
 def scenario_summary(result: ValidateResult, scenario: str) -> str:
@@ -198,62 +197,9 @@ def _score_entry(cell: Cell, measure: str) -> Entry:
     return Entry(text, raw=score.value, tone="good" if best else "plain", detail=shown_range(score))
 
 
-def claims(found: Sequence[Claim]) -> Block:
-    """Give each claim of the source with whether it holds, and why it is said."""
-    if not found:
-        return Text("No claim could be examined: that takes two controllers that were driven.", "muted")
-    rows = [
-        [
-            Entry(HOLDS[one.holds][0], tone=HOLDS[one.holds][1], badge=True),
-            Entry(one.claim),
-            Entry(one.evidence),
-        ]
-        for one in found
-    ]
-    columns = [Column("verdict"), Column("claim of the source", wrap=True), Column("evidence", wrap=True)]
-    return Table(columns, rows, download="validate_claims.csv")
-
-
-def differences(found: Sequence[Claim]) -> Table | None:
-    """Give every difference behind the claims with its interval, None where there is none."""
-    rows = [
-        [Entry(one.claim), Entry(against), *_difference(estimate)]
-        for one in found
-        for against, estimate in zip(_against(one), one.difference, strict=True)
-    ]
-    if not rows:
-        return None
-    columns = [
-        Column("claim", wrap=True),
-        Column("against"),
-        Column("difference", "number"),
-        Column("95 % interval", "number"),
-        Column("unit"),
-        Column("why not known", wrap=True),
-    ]
-    notes = ["the controller of the claim less the other, median over the same starts; below zero: less"]
-    return Table(columns, rows, notes=notes, download="validate_differences.csv", scroll=len(rows) > 16)
-
-
-def _against(one: Claim) -> list[str]:
-    """Name what each difference of a claim is to, a dash where that is not told."""
-    told = [controller_name(name) for name in one.against]
-    return told if len(told) == len(one.difference) else [NONE] * len(one.difference)
-
-
-def _difference(estimate: Estimate) -> list[Entry]:
-    own = displayed(estimate)
-    return [
-        Entry(estimate_value(own), raw=own.value),
-        Entry(estimate_interval(own)),
-        Entry(unit_text(own.unit)),
-        Entry(estimate.reason or ""),
-    ]
-
-
 def run_facts(run: ClosedLoopRun) -> Facts:
     """Give the measures of one run."""
-    arrived = NONE if run.arrival_time_error is None else with_unit(run.arrival_time_error, "s")
+    late = NONE if run.arrival_time_error is None else f"{rounded(run.arrival_time_error, 3)}\u00a0s"
     came = Entry("yes", tone="good") if run.completed else Entry("no: the path was lost", tone="bad")
     cycles = f"{run.violations} beyond a limit, {run.infeasible} without a solution"
     return Facts(
@@ -263,8 +209,8 @@ def run_facts(run: ClosedLoopRun) -> Facts:
             ("predicts with", simulated_name(run.prediction_model)),
             ("simulated as", simulated_name(run.simulation_model)),
             ("lateral error", _sizes(("largest", run.lateral_error_max), ("RMS", run.lateral_error_rms))),
-            ("settled at", with_unit(1e3 * run.lateral_error_settled, "mm")),
-            ("late by", arrived),
+            ("settled at", f"{rounded(1e3 * run.lateral_error_settled, 1)}\u00a0mm"),
+            ("late by", late),
             ("work, braking and accelerating", _works(run)),
             ("lateral acceleration, jerk", _dynamics(run)),
             ("steering rate", _rates(run)),
@@ -313,7 +259,7 @@ def pairs(found: Sequence[ModelPair]) -> Table:
             Entry(controller_name(one.controller)),
             Entry(simulated_name(one.prediction_model)),
             Entry(simulated_name(one.simulation_model)),
-            _share_entry(one.completed),
+            share_entry(one.completed),
             Entry(significant(one.lateral_error_rms), raw=one.lateral_error_rms),
             Entry(significant(one.lateral_error_max), raw=one.lateral_error_max),
             Entry(significant(one.cost_ns_per_step), raw=one.cost_ns_per_step),
@@ -323,43 +269,11 @@ def pairs(found: Sequence[ModelPair]) -> Table:
     return Table(columns, rows, download="validate_pairs.csv", scroll=len(rows) > 16)
 
 
-def _share_entry(completed: float) -> Entry:
+def share_entry(completed: float) -> Entry:
+    """Give the share of runs that came through in percent, never rounded up to all of them."""
     lost = completed < 1
     text = fixed(min(100 * completed, 99.0) if lost else 100.0, 0)
     return Entry(f"✗\u00a0{text}" if lost else text, raw=completed, tone="bad" if lost else "good")
-
-
-def margins(found: Sequence[MarginLoss]) -> Block:
-    """Give each controller without and with the effects that were found, those that lose first."""
-    if not found:
-        return Text("No effect was found that could be simulated: run ident improve LOGS first.", "muted")
-    columns = [
-        Column("margin"),
-        Column("controller"),
-        Column("scenario"),
-        Column("effects", wrap=True),
-        Column("came through [%]: without", "number"),
-        Column("with", "number"),
-        Column("|e_y| max [m]: without", "number"),
-        Column("with", "number"),
-    ]
-    rows = [_margin_row(one) for one in sorted(found, key=lambda one: not one.is_lost)]
-    notes = ["the controllers do not know of the effects; the simulated truck has them"]
-    return Table(columns, rows, notes=notes, download="validate_margins.csv", scroll=len(rows) > 16)
-
-
-def _margin_row(one: MarginLoss) -> list[Entry]:
-    said: tuple[str, Tone] = ("✗\u00a0lost", "bad") if one.is_lost else ("kept", "good")
-    return [
-        Entry(said[0], tone=said[1], badge=True),
-        Entry(controller_name(one.controller)),
-        Entry(scenario_name(one.scenario)),
-        Entry(", ".join(effect.replace("_", " ") for effect in one.effects)),
-        _share_entry(one.completed_without),
-        _share_entry(one.completed_with),
-        Entry(significant(one.lateral_error_max_without), raw=one.lateral_error_max_without),
-        Entry(significant(one.lateral_error_max_with), raw=one.lateral_error_max_with),
-    ]
 
 
 def solve_times(result: ValidateResult) -> Table:
@@ -402,45 +316,3 @@ def _time_row(result: ValidateResult, name: str, runs: Sequence[ClosedLoopRun]) 
 
 def _counted(number: int) -> Entry:
     return Entry(f"✗\u00a0{number}" if number else "0", raw=number, tone="bad" if number else "good")
-
-
-def levels(found: Sequence[LoggedLevel]) -> Table:
-    """Give each level of each logged run: whether it agrees, and each signal with what was allowed."""
-    columns = [
-        Column("run", wrap=True),
-        Column("level"),
-        Column("agrees"),
-        Column("RMS difference (allowed)", wrap=True),
-        Column("why", wrap=True),
-    ]
-    rows = [_level_row(one) for own in levels_by_run(found).values() for one in own]
-    return Table(columns, rows, download="validate_levels.csv", scroll=len(rows) > 16)
-
-
-def _level_row(one: LoggedLevel) -> list[Entry]:
-    agrees: dict[bool | None, tuple[str, Tone]] = {
-        True: ("agrees", "good"),
-        False: ("✗\u00a0differs", "bad"),
-        None: ("not reached", "muted"),
-    }
-    said, tone = agrees[one.agrees]
-    who = None if one.controller is None else controller_name(one.controller)
-    sizes = [level_text(name, size, one.allowed.get(name)) for name, size in one.rms.items()]
-    return [
-        Entry(shorten(one.run, 60), raw=one.run),
-        Entry(f"{one.level}: {LEVELS[one.level]}", detail=who),
-        Entry(said, tone=tone, badge=True),
-        Entry("; ".join(sizes) or NONE),
-        Entry(one.reason or NONE, tone="plain" if one.reason else "muted"),
-    ]
-
-
-def level_text(signal: str, size: float, allowed: float | None) -> str:
-    """Give the difference of one signal, with what is allowed."""
-    factor, unit = level_unit(signal)
-    told = f"{signal.replace('_', ' ')} {significant(factor * size, 2)}"
-    told += f"\u00a0{unit}" if unit else ""
-    if allowed is None:
-        return told
-    mark = "✗\u00a0" if size > allowed else ""
-    return f"{mark}{told} ({significant(factor * allowed, 2)})"
