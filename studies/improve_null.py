@@ -1,6 +1,6 @@
 """How often the gate of the motion fires on a sound truck: false alarms out of thousands of sets.
 
-    python studies/improve_null.py [--sets 100] [--jobs 2] [--hours H] [--kind planar|another|colour|gusts]
+    python studies/improve_null.py [--sets 100] [--jobs 2] [--hours H] [--kind KIND]
 
 A set is a campaign of eight runs of a truck that is exactly the base model, measured with noise of its own.
 Kinds:
@@ -9,12 +9,13 @@ Kinds:
 * another: another truck for each seed (mass, inertia, tyres, steering ratio, place of the centre of gravity);
 * colour: another truck, and another colour of the noise of every sensor: an autoregression of 0.6 to 0.95 a
   sample with white noise of the same size on it;
-* gusts: a coloured side force without steady part (500 N), which is noise to the loop, too.
+* gusts: a coloured side force without steady part (500 N), which is noise to the loop, too;
+* actuator: request and measured angle of another truck, the layer before the motion; its fits share nothing.
 
-Every fit begins from parameters that are wrong by 20 to 50 %. One fit of a truck gives all of its sets but
-those with gusts a start and the colour of the noise; from there each set is fitted, scored along directions
-of its own, and tested as the loop does. One set in ``AGAIN`` is fitted from the wrong start as well, its
-noise identified anew: both p-values are told.
+Every other fit begins from parameters that are wrong by 20 to 50 %. One fit of a truck gives all of its sets
+but those with gusts a start and the colour of the noise; from there each set is fitted, scored along
+directions of its own, and tested as the loop does. One set in ``AGAIN`` is fitted from the wrong start as
+well, its noise identified anew: both p-values are told.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ from improve_runs import (  # noqa: E402
     Drive,
     Truth,
     TyreData,
+    actuator_runs,
     drive_campaign,
     measured,
     motion_data,
@@ -46,6 +48,7 @@ from improve_runs import (  # noqa: E402
 )
 from scipy.stats import beta  # noqa: E402
 
+from ident.estimation.actuator_layer import ActuatorLayer  # noqa: E402
 from ident.estimation.gauss_newton import minimise  # noqa: E402
 from ident.estimation.layer import LayerScores  # noqa: E402
 from ident.estimation.motion_fit import MotionFit  # noqa: E402
@@ -55,7 +58,7 @@ from ident.estimation.vehicle_fit import NEGLIGIBLE  # noqa: E402
 from ident.estimation.vehicle_point import VehiclePoint  # noqa: E402
 
 KEPT = HERE / "results" / "improve_null.jsonl"
-TRUCKS = {"planar": 6, "another": 8, "colour": 6, "gusts": 20}
+TRUCKS = {"planar": 4, "another": 5, "colour": 4, "gusts": 20, "actuator": 7}
 LEVEL, DRAWS = 0.05, 999
 ITERATIONS = 10
 GUSTS = 500.0  # [N]
@@ -119,6 +122,8 @@ def one_cell(cell: Sequence[Any]) -> Iterable[Row]:
     """Sets of one truck; a row a set."""
     kind, number, begin, end = cell
     drive = driven(kind, number)
+    if kind == "actuator":
+        return [_of_actuator(drive, number, noise) for noise in range(begin, end)]
     fit = fitted(drive, noise_seed(kind, number, 0), number)
     if kind == "gusts":
         return [_tested(fit.scores(), number, begin)]
@@ -131,6 +136,12 @@ def one_cell(cell: Sequence[Any]) -> Iterable[Row]:
             again = _tested(fitted(drive, seed, number).scores(), number, noise)
             rows[-1]["again"] = again["p"]
     return rows
+
+
+def _of_actuator(drive: Drive, number: int, noise: int) -> Row:
+    runs = actuator_runs(measured(drive, noise_seed("actuator", number, noise)), drive.truth)
+    layer = ActuatorLayer(runs, steering_ratio=drive.truth.planar.steering_ratio)
+    return _tested(layer.fitted().scores(), number, noise)
 
 
 def noise_seed(kind: str, number: int, noise: int) -> int:

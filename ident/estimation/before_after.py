@@ -98,3 +98,22 @@ def same_size(sizes: Array, stds: Array) -> float | None:
     weight = 1.0 / stds[told] ** 2
     mean = np.average(sizes[told], weights=weight)
     return float(stats.chi2.sf(np.sum(weight * (sizes[told] - mean) ** 2), np.count_nonzero(told) - 1))
+
+
+def scatter_of_runs(sizes: Array, stds: Array) -> float:
+    """How much more the sizes of the runs scatter than their standard errors say, at least one (Birge 1932).
+
+    That of their common size is to be multiplied by it: what differs from run to run, and is not
+    in the model, is in that scatter.
+
+    Parameters
+    ----------
+    sizes, stds : as in :func:`same_size`
+    """
+    told = np.isfinite(sizes) & np.isfinite(stds) & (stds > 0)
+    count = int(np.count_nonzero(told))
+    if count < 2:
+        return 1.0
+    weight = 1.0 / stds[told] ** 2
+    mean = np.average(sizes[told], weights=weight)
+    return float(np.sqrt(max(1.0, np.sum(weight * (sizes[told] - mean) ** 2) / (count - 1))))

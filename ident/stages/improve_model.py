@@ -19,6 +19,7 @@ from ident.estimation.noise import AutoRegression
 from ident.estimation.tyre_fit import AXLES
 from ident.results import Estimate, SteeringModel
 from ident.stages.improve_data import LayerData
+from ident.stages.improve_told import estimate_of
 from ident.stages.tyre_data import GIVEN, TyreData
 
 Array = NDArray[np.float64]
@@ -40,7 +41,7 @@ def model_part(found: Improvement, data: LayerData) -> Mapping[str, Any]:
 def _effects(found: Improvement) -> list[dict[str, Any]]:
     made = []
     for layer, key in found.added:
-        card, estimate = found.layers[layer].effect(key), found.fits[layer].estimates()[key]
+        card, estimate = found.layers[layer].effect(key), estimate_of(found.fits[layer], key)
         parameters = {name: _value(one) for name, one in estimate.parameters.items()}
         made.append({"name": card.name, "enters": card.enters, "parameters": parameters, "of": card.of})
     return made

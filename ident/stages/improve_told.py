@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ident.dynamics.effects.catalogue import CATALOGUE, not_built
 from ident.dynamics.typeset import mathml
-from ident.estimation.before_after import same_size
+from ident.estimation.before_after import same_size, scatter_of_runs
 from ident.estimation.detectable import detectable_sizes
 from ident.estimation.improvement import Improvement, Round, Tried
 from ident.estimation.layer import EffectCard, Layer, LayerFit, LayerScores
@@ -19,6 +20,7 @@ from ident.results import (
     Candidate,
     DetectableSize,
     Discovered,
+    EffectEstimate,
     Estimate,
     FoundEffect,
     ImproveGate,
@@ -120,7 +122,7 @@ def found_effects(found: Improvement, parts: Sequence[Compared]) -> list[FoundEf
     made = []
     for layer_name, key in found.added:
         layer, fit = found.layers[layer_name], found.fits[layer_name]
-        card, estimate = layer.effect(key), fit.estimates()[key]
+        card, estimate = layer.effect(key), estimate_of(fit, key)
         round_ = next(one for one in found.rounds if one.added == key)
         tried = next(one for one in round_.tried if one.key == key)
         made.append(
@@ -140,6 +142,20 @@ def found_effects(found: Improvement, parts: Sequence[Compared]) -> list[FoundEf
             )
         )
     return made
+
+
+def estimate_of(fit: LayerFit, key: str) -> EffectEstimate:
+    """An effect of a fit, the interval of its size as wide as the scatter from run to run asks for."""
+    told, factor = fit.estimates()[key], scatter_of_runs(*fit.sizes_by_run(key))
+    size, one = next(iter(told.parameters.items()))
+    return replace(told, parameters={**told.parameters, size: _widened(one, factor)})
+
+
+def _widened(one: Estimate, factor: float) -> Estimate:
+    if one.value is None or one.std is None or one.low is None or one.high is None:
+        return one
+    low, high = (one.value + factor * (end - one.value) for end in (one.low, one.high))
+    return replace(one, std=factor * one.std, low=low, high=high)
 
 
 def equation_of(card: EffectCard) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.estimation.before_after import gain_interval, rms_range, rms_ratio, same_size
+from ident.estimation.before_after import gain_interval, rms_range, rms_ratio, same_size, scatter_of_runs
 from ident.estimation.candidate_set import candidate_set
 from ident.estimation.layer import Likelihood
 
@@ -133,3 +133,11 @@ def test_sizes_that_differ_between_runs_are_seen_and_mute_runs_do_not_count() ->
     assert same > 0.3
     assert differ < 1e-6
     assert same_size(np.array([1.0, 2.0]), np.array([0.1, np.inf])) is None
+
+
+def test_sizes_that_scatter_as_their_errors_say_widen_nothing_and_others_do() -> None:
+    stds = np.array([0.1, 0.1, np.inf, 0.2])
+    assert scatter_of_runs(np.array([1.0, 1.0, 9.0, 1.0]), stds) == 1.0
+    # About the weighted mean of 1, 1.6 and 1.3, which is 1.3: (3² + 3² + 0) / 2.
+    assert scatter_of_runs(np.array([1.0, 1.6, 9.0, 1.3]), stds) == pytest.approx(3.0)
+    assert scatter_of_runs(np.array([1.0]), np.array([0.1])) == 1.0

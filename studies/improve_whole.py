@@ -1,0 +1,187 @@
+"""The whole command on sets that are driven for it: logs are written, read, and taken through the loop.
+
+    python studies/improve_whole.py [--seeds 60] [--jobs 2] [--hours H] [--only sound|EFFECT]
+
+Each set is a truck of its own with four runs of a campaign, measured at the rates of real sensors and written
+as MCAP; the command reads them with a channel map of its own guessing. Cells: a sound truck, and a truck with
+one effect of the catalogue at its usual size. Told of each:
+
+* the verdict, and the size with its interval beside the true one;
+* the error of held-out runs before and after, over that of the sensors by themselves;
+* the verdict from the same logs on a common time base of 50 Hz instead of 100 Hz.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE), str(HERE.parent / "sample_logs")]
+
+import numpy as np  # noqa: E402
+from generator.motion_sets import SOURCES, sensors_of  # noqa: E402
+from generator.truth import Truth  # noqa: E402
+from generator.undeclared import FOLDER, SETS, generate_undeclared, hidden_runs, hidden_truck  # noqa: E402
+from improve_kept import Row, grow, kept_rows  # noqa: E402
+from improve_null import limits  # noqa: E402
+from improve_power import SIGNALS  # noqa: E402
+from improve_runs import TYPICAL, Injected, true_parameters, typical  # noqa: E402
+from ruamel.yaml import YAML  # noqa: E402
+
+from ident.results import ImproveResult  # noqa: E402
+from ident.stages.improve import improve  # noqa: E402
+from ident.stages.improve_settings import ImproveSettings  # noqa: E402
+from ident.stages.inputs import AlignSettings, InputSettings  # noqa: E402
+from ident.stages.output import Context  # noqa: E402
+
+KEPT = HERE / "results" / "improve_whole.jsonl"
+SOUND = "sound"
+DRIVEN = ("there_and_back", "sweep_fast", "steps", "slow_circles")
+RATES = (100.0, 50.0)  # [1/s]
+WORSE = 1.01  # after over before, of a signal: beyond, it is worse
+
+
+def cells(seeds: int, only: Sequence[str] | None = None) -> Iterator[list[str | int]]:
+    """Yield all sets, the first seeds of everything first; five sound trucks to one of each effect."""
+    for seed in range(1, seeds + 1):
+        yield from (
+            [name, seed] for name in (SOUND, *(TYPICAL if seed % 5 == 1 else ())) if not only or name in only
+        )
+
+
+def one_set(cell: Sequence[str | int]) -> Iterable[Row]:
+    """Write the logs of one set, run the command at both rates, and hold its answer against the truth."""
+    name, seed = str(cell[0]), int(cell[1])
+    injected = [] if name == SOUND else [_injected(name, seed)]
+    with tempfile.TemporaryDirectory() as folder:
+        logs, truth = written(Path(folder), injected, seed)
+        began = time.perf_counter()
+        results = [_improved(logs, rate) for rate in RATES]
+        seconds = (time.perf_counter() - began) / len(RATES)
+    told = [described(one, floors(truth)) for one in results]
+    return [
+        {"truth": true_parameters(injected), "seconds": round(seconds, 1), **told[0], "at_50_hz": told[1]}
+    ]
+
+
+def _injected(name: str, seed: int) -> Injected:
+    return typical(name, 1.0, SIGNALS[name][seed % len(SIGNALS[name])] if name in SIGNALS else None)
+
+
+def written(folder: Path, injected: Sequence[Injected], seed: int) -> tuple[Path, Truth]:
+    """Write the logs of a truck with these effects; return their folder and the truck."""
+    one, answers = SETS[0], folder / "answers.yaml"
+    listed = [
+        {"name": i.name, "parameters": dict(i.values), **({"of": i.of} if i.of else {})} for i in injected
+    ]
+    YAML(typ="safe", pure=True).dump({one: listed}, answers)
+    (logs,) = generate_undeclared(folder, seed, [one], answers)
+    for run in hidden_runs(one, seed):
+        if run.plan not in DRIVEN:
+            shutil.rmtree(logs / run.name)
+    return folder / FOLDER / one, hidden_truck(one, seed, answers)[0]
+
+
+def _improved(logs: Path, rate: float) -> ImproveResult:
+    context = Context(command="study", date="2026-01-01T00:00:00Z")
+    inputs = InputSettings(align=AlignSettings(rate=rate))
+    return improve([logs], inputs, ImproveSettings(), context).result
+
+
+def floors(truth: Truth) -> dict[str, float]:
+    """Root mean square error of each signal's sensor: what a model with the true parameters leaves."""
+    made = {}
+    for signal, (device, channel) in SOURCES.items():
+        one = sensors_of(truth)[device].channels[channel]
+        made[signal] = float(np.sqrt(one.white_std**2 + one.noise_std**2 + one.resolution**2 / 12))
+    return made
+
+
+def described(result: ImproveResult, floor: Mapping[str, float]) -> Row:
+    """What the command says, with its held-out errors over those of the sensors."""
+    before, after = result.error.before, result.error.after
+    return {
+        "verdict": result.verdict,
+        "added": [one.key for one in result.effects],
+        "members": {one.key: list(one.members) for one in result.effects},
+        "sizes": {
+            one.key: {n: [e.value, e.low, e.high] for n, e in one.parameters.items()}
+            for one in result.effects
+        },
+        "over_floor": {s: after[s].value / floor[s] for s in after if s in floor},
+        "over_before": {s: after[s].value / before[s].value for s in after},
+        "confirmed": None if result.confirmation is None else result.confirmation.confirmed,
+    }
+
+
+def summary(rows: Sequence[Row]) -> str:
+    """Return the false alarms, then one line for each effect, then what holds for all."""
+    sound = [row for row in rows if row["cell"][0] == SOUND]
+    wrong = [row for row in sound if row["verdict"] != "adequate"]
+    low, high = limits(len(wrong), max(len(sound), 1))
+    lines = [f"sound trucks: {len(wrong)} of {len(sound)} not adequate ({low:.3f} to {high:.3f})"]
+    lines += [f"  {row['cell']}: {row['verdict']} {row['added']}" for row in wrong]
+    for name in TYPICAL:
+        own = [row for row in rows if row["cell"][0] == name]
+        if own:
+            lines.append(_line(name, own))
+    same = [row["verdict"] == row["at_50_hz"]["verdict"] for row in rows]
+    lines.append(f"same verdict at 50 Hz: {sum(same)} of {len(same)}")
+    accepted = [row for row in rows if row["added"] and row["verdict"] in ("named", "equivalent")]
+    worse = [row["cell"] for row in accepted if max(row["over_before"].values()) > WORSE]
+    lines.append(
+        f"accepted: {len(accepted)}; a signal of held-out runs worse than before: {len(worse)} {worse}"
+    )
+    over = np.array([np.median(list(row["over_floor"].values())) for row in rows])
+    most = [max(row["over_floor"], key=row["over_floor"].get) for row in rows]
+    largest = max(range(len(rows)), key=lambda n: rows[n]["over_floor"][most[n]])
+    lines.append(
+        f"held-out error over that of the sensors: median {np.median(over):.3f}; largest of one signal "
+        f"{rows[largest]['over_floor'][most[largest]]:.2f} ({most[largest]}, {rows[largest]['cell']})"
+    )
+    return "\n".join(lines)
+
+
+def _line(name: str, rows: Sequence[Row]) -> str:
+    inside = [bool(set(row["truth"]) & {k for m in row["members"].values() for k in m}) for row in rows]
+    held = [held_of(row) for row in rows]
+    verdicts = ", ".join(f"{v} {n}" for v in VERDICTS if (n := sum(row["verdict"] == v for row in rows)))
+    covers = f"{sum(h is True for h in held)} of {sum(h is not None for h in held)}"
+    return f"{name:28} n = {len(rows)}: {verdicts}; truth in a class {sum(inside)}; interval holds {covers}"
+
+
+VERDICTS = ("named", "equivalent", "unexplained", "adequate")
+
+
+def held_of(row: Row) -> bool | None:
+    """Whether the interval of the size holds the truth, None where it was not added."""
+    (key, parameters), *_ = row["truth"].items()
+    size, value = next(iter(parameters.items()))
+    told = row["sizes"].get(key, {})
+    one = told.get(size) or next(iter(told.values()), None)
+    return None if one is None or one[1] is None else bool(one[1] <= value <= one[2])
+
+
+def main() -> None:
+    """Run the sets that are not yet there, then print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=60)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--hours", type=float, help="after which nothing new is begun")
+    parser.add_argument("--only", action="append", help="sound, or of the effects")
+    parser.add_argument("--kept", type=Path, default=KEPT)
+    given = parser.parse_args()
+    grow(given.kept, cells(given.seeds, given.only), one_set, jobs=given.jobs, hours=given.hours)
+    print(summary(kept_rows(given.kept)))
+
+
+if __name__ == "__main__":
+    main()
