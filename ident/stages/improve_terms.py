@@ -33,6 +33,7 @@ TERMS = {
     "v u": _V * _U,
     "cos(heading)": sympy.cos(_PSI),
     "sin(heading)": sympy.sin(_PSI),
+    "sgn(du/dt)": sympy.sign(sympy.Derivative(sympy.Function("u")(_TIME), _TIME)),
     "r|r|": _R * sympy.Abs(_R),
     "a|a|": _A * sympy.Abs(_A),
     "x": sympy.Symbol("x"),

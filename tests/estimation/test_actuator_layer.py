@@ -15,6 +15,7 @@ from ident.estimation.actuator_layer import ActuatorLayer
 from ident.estimation.actuator_layer_fit import ActuatorLayerFit, named_effects
 from ident.estimation.actuator_likelihood import BIAS, ActuatorRecord, with_repeats
 from ident.estimation.actuator_runs import RunRecords
+from ident.estimation.improvement import improve_layers, with_term
 from ident.estimation.layer import LayerScores
 from ident.estimation.vehicle_records import Samples
 
@@ -329,6 +330,21 @@ def test_a_term_that_is_in_the_fit_is_screened_no_more_and_judges_what_took_no_p
     assert errors[1] < 0.6 * errors[0]
     sizes, stds = fit.sizes_by_run(SLOW_LAG)
     assert sizes.shape == stds.shape == (3,)
+
+
+def test_a_lag_that_depends_on_speed_gets_no_name_but_a_term(slow: ActuatorLayer) -> None:
+    found = improve_layers([slow], level=0.05, draws=300, seed=1)
+    assert found.added == []
+    assert not found.passes
+    made = with_term(found)
+    assert made is not None
+    assert made[1].key == SLOW_LAG
+    fit = found.fits["actuator"]
+    assert fit.keys == (SLOW_LAG,)
+    shorter = found.shorter("actuator", fit)
+    assert shorter.keys == ()
+    found.take_back("actuator", shorter)
+    assert found.dropped == [SLOW_LAG]
 
 
 def test_speed_is_in_no_term_where_a_run_does_not_know_it(layers: dict[str, ActuatorLayer]) -> None:
