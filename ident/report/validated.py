@@ -122,8 +122,8 @@ class Measure:
 
 
 MEASURES: dict[str, Measure] = {
-    "lateral_error_max": Measure("largest lateral error", "|e_y| max", "m"),
     "lateral_error_rms": Measure("lateral error, RMS", "e_y RMS", "m"),
+    "lateral_error_max": Measure("largest lateral error", "|e_y| max", "m"),
     "lateral_error_p95": Measure("lateral error, 95 %", "|e_y| 95 %", "m"),
     "lateral_error_settled": Measure("settled lateral error", "|e_y| settled", "mm", 1e3, 1),
     "heading_error_rms": Measure("heading error, RMS", "e_ψ RMS", "mrad", 1e3, 1),

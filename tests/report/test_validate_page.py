@@ -12,7 +12,7 @@ from ident.report.page import Columns, Details, Facts, Figure, Lines, Table, Tex
 from ident.report.pages import validate_conclusions, validate_figures
 from ident.report.pages.validate import validate_page
 from ident.report.palette import LIGHT
-from ident.results.validate import MismatchCurve, ModelPair, ValidateResult
+from ident.results.validate import MismatchCurve, ModelPair, Score, ValidateResult
 
 SECTIONS = [
     *("scenarios", "claims", "worst", "pairs", "mismatch", "margins", "times", "logged"),
@@ -99,7 +99,7 @@ def test_each_scenario_has_all_its_measures_with_units(page):
     assert len(tables) == 4
     heads = [column.head for column in tables[0].columns]
     assert heads[2:] == [
-        *("|e_y| max [m]", "e_y RMS [m]", "|e_y| settled [mm]", "|arrival error| [s]"),
+        *("e_y RMS [m]", "|e_y| max [m]", "|e_y| settled [mm]", "|arrival error| [s]"),
         *("braking [J/kg]", "steering rate [mrad/s]", "step p99 [ms]"),
     ]
     folded = [block for block in section(page, "scenarios") if isinstance(block, Details)]
@@ -116,6 +116,18 @@ def test_numbers_of_the_tables_are_those_of_the_result(page, result):
     raw = {score.measure: score.value for score in cell.scores}
     assert records[0]["steering rate [mrad/s]"] == raw["steering_rate_rms"]
     assert records[0]["|e_y| max [m]"] == raw["lateral_error_max"]
+
+
+def test_measures_that_are_seldom_asked_for_stand_behind_a_line(result):
+    cell = replace(
+        result.cells[0], scores=[*result.cells[0].scores, Score("drive_switches", 0.0, 0.0, 1.0, "1")]
+    )
+    page = validate_page(replace(result, cells=[cell]), {})
+    inner = [block for block in section(page, "scenarios") if isinstance(block, Details)][-1]
+    assert inner.summary == "Other measures"
+    (table,) = inner.blocks
+    assert [column.head for column in table.columns][2:] == ["drive switches [–]"]
+    assert table.cells()[0][2].detail == "0 … 1.0"
 
 
 def test_claims_are_told_with_evidence_and_each_difference_with_whom(page):
