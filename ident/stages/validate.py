@@ -26,9 +26,9 @@ from ident.results import (
 from ident.signals.run import LoadedLogs
 from ident.stages.inputs import InputSettings, load, provenance
 from ident.stages.output import Context, StageOutput
-from ident.stages.validate_bench import Driven, NotDriven, Outcome, drive_all
+from ident.stages.validate_bench import Beside, Compared, Drive, Driven, NotDriven, Outcome, drive_all
 from ident.stages.validate_cells import RANKING, cells, claims, ranking
-from ident.stages.validate_levels import Compared, compare
+from ident.stages.validate_levels import Logged, compare, tables_of
 from ident.stages.validate_plan import Plan, chosen, plan
 from ident.stages.validate_settings import ValidateSettings
 from ident.stages.validate_setup import Setup, costs_of, set_up, subject_of, weights_of
@@ -86,9 +86,10 @@ def validate(
         improved=subject.improved is not None,
         seed=inputs.seed,
     )
-    driven = drive_all(setup.bench, asked.drives, context.jobs, context.progress)
-    compared = compare(loaded, inputs, setup, context)
-    return _output(loaded, context, setup, asked, driven, compared)
+    logged = compare(loaded, inputs, setup, context)
+    everything: list[Drive | Beside] = [*asked.drives, *logged.besides(setup)]
+    made = drive_all(setup.bench, everything, context.jobs, context.progress)
+    return _output(loaded, context, setup, asked, made, logged)
 
 
 def _output(
@@ -97,16 +98,18 @@ def _output(
     setup: Setup,
     asked: Plan,
     driven: Sequence[Outcome],
-    compared: Compared,
+    logged: Logged,
 ) -> StageOutput[ValidateResult]:
     parts = asked.parted(driven)
     table = parts[0]
     if not table:
         reasons = dict.fromkeys(one.reason for one in driven if isinstance(one, NotDriven))
         raise NotIdentifiable(f"no controller could be driven: {next(iter(reasons))}")
-    refused = [*setup.refused, *_not_driven(driven), *compared.refused, *loaded.unreadable]
-    result = _result(loaded, context, setup, parts, compared, refused)
-    return StageOutput(result, {**_tables(setup, table, result.worst), **compared.tables})
+    beside = [one for one in driven if isinstance(one, Compared)]
+    refused = [*setup.refused, *_not_driven(driven), *logged.refused, *loaded.unreadable]
+    result = _result(loaded, context, setup, parts, logged.joined(beside), refused)
+    tables = _tables(setup, table, logged, result.worst) | tables_of(logged, beside, setup)
+    return StageOutput(result, tables)
 
 
 def _result(
@@ -114,7 +117,7 @@ def _result(
     context: Context,
     setup: Setup,
     parts: Sequence[Sequence[Driven]],
-    compared: Compared,
+    logged: Logged,
     refused: list[Refusal],
 ) -> ValidateResult:
     settings, subject, seed = setup.settings, setup.subject, context.seed
@@ -127,7 +130,7 @@ def _result(
         schema_version=SCHEMA_VERSION,
         provenance=_provenance(context, loaded, settings),
         verdict=verdict(found, order, curves, lost, settings.speeds, subject.truck.name),
-        next_step=next_step(found, valid, settings.speeds, compared.levels, logs=bool(loaded.runs)),
+        next_step=next_step(found, valid, settings.speeds, logged.levels, logs=bool(loaded.runs)),
         model=subject.truck.name,
         period=settings.period,
         lane_half_width=settings.lane_half_width,
@@ -139,14 +142,22 @@ def _result(
         mismatch=curves,
         margins=lost,
         claims=claims(runs, seed),
-        logged=compared.levels,
-        reached=compared.reached,
+        logged=logged.levels,
+        reached=logged.reached,
         worst=worst_of(runs),
         weights=weights_of(order),
         health=[run.health for run in loaded.runs],
         refused=refused,
-        warnings=[*loaded.warnings, *setup.warnings, *beyond_the_data(valid, runs)],
+        warnings=[*loaded.warnings, *setup.warnings, *_notes(table), *beyond_the_data(valid, runs)],
     )
+
+
+def _notes(table: Sequence[Driven]) -> list[str]:
+    """What the table says otherwise than it was asked."""
+    return [
+        f"the robust controller has a set of usual size, not that of the residuals: {note}"
+        for note in dict.fromkeys(one.note for one in table if one.note is not None)
+    ]
 
 
 def _not_driven(driven: Sequence[Outcome]) -> list[Refusal]:
@@ -155,7 +166,9 @@ def _not_driven(driven: Sequence[Outcome]) -> list[Refusal]:
     return [Refusal(name, reason) for name, reason in found]
 
 
-def _tables(setup: Setup, table: Sequence[Driven], worst: int | None) -> dict[str, pd.DataFrame]:
+def _tables(
+    setup: Setup, table: Sequence[Driven], logged: Logged, worst: int | None
+) -> dict[str, pd.DataFrame]:
     runs = [one.run for one in table]
     courses = {number: one.course for number, one in enumerate(table) if one.course is not None}
     shown = {number: courses[number] for number in opened(runs) if number in courses}
@@ -164,6 +177,7 @@ def _tables(setup: Setup, table: Sequence[Driven], worst: int | None) -> dict[st
         for path, reference in setup.bench.references.items()
         if path.prediction == setup.subject.truck.name
     }
+    own |= logged.references(setup.subject.truck.name)
     made = {"validate": course_table(shown, runs), "validate_reference": reference_table(own)}
     if worst is not None and worst in courses:
         made["validate_horizon"] = horizon_table(worst, courses[worst])

@@ -15,16 +15,23 @@ from multiprocessing import get_context
 from ident.control.closed_loop import ClosedLoop, Disturbance, Settings, run
 from ident.control.controllers import CONTROLLERS
 from ident.control.controllers.controller import Controller
+from ident.control.controllers.mpc_robust import mpc_robust
 from ident.control.disturbances import changed
 from ident.control.measures import Label, Limits, told
 from ident.control.plant import Plant
 from ident.control.reference import Reference
 from ident.control.sensors import Sensors
 from ident.control.truck import Truck
-from ident.errors import BadRecipe
-from ident.results import ClosedLoopRun, ControllerName, ScenarioName
+from ident.control.tube import bounds_of_residuals
+from ident.errors import BadRecipe, NotIdentifiable
+from ident.model_file import SignalNoise
+from ident.results import ClosedLoopRun, ControllerName, LoggedLevel, ScenarioName
 from ident.stages.output import Progress
+from ident.stages.validate_shadow import Shadow, closed, closed_level, shadow
+from ident.stages.validate_stretch import LoggedStretch
 
+IDENTIFIED = "identified"  # simulated truck
+ROBUST = "mpc_robust"
 TOGETHER = 4  # drives that a process takes at a time
 
 
@@ -59,42 +66,71 @@ class Drive:
 
 
 @dataclass(frozen=True)
+class Beside:
+    """A controller beside the one of a log: its shadow, and where that agrees, the closed loop."""
+
+    controller: ControllerName
+    stretch: LoggedStretch
+    acceptable: float
+    noise: float
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What came of it; ``course`` only where the closed loop was looked at."""
+
+    beside: Beside
+    shadow: Shadow
+    levels: tuple[LoggedLevel, ...]
+    course: ClosedLoop | None = None
+
+
+@dataclass(frozen=True)
 class Driven:
-    """What came of it; ``course`` only where it was asked for."""
+    """What came of it; ``course`` only where it was asked for.
+
+    note : why the robust controller has a usual set and not that of the residuals
+    """
 
     drive: Drive
     run: ClosedLoopRun
     course: ClosedLoop | None = None
+    note: str | None = None
 
 
 @dataclass(frozen=True)
 class NotDriven:
     """Why something could not be driven."""
 
-    drive: Drive
+    drive: Drive | Beside
     reason: str
 
 
-Outcome = Driven | NotDriven
+Outcome = Driven | Compared | NotDriven
 
 
 @dataclass(frozen=True)
 class Bench:
     """What all drives share.
 
-    believed : prediction model -> truck that controllers are designed with
+    prediction : model that controllers are designed with where nothing else is said
+    believed : prediction model -> truck that they are designed with
     simulated : name -> truck, whose model ``ClosedLoopRun.simulation_model`` tells
     named : name of a simulated truck -> what its model is called
     references : path -> reference
+    sensors : of the simulated trucks; noise : as the model file has it, for the tube
     """
 
     period: float
     lane_half_width: float
+    prediction: str
     believed: Mapping[str, Truck]
     simulated: Mapping[str, Truck]
     named: Mapping[str, str]
     references: Mapping[Path, Reference]
     sensors: Sensors
+    noise: Mapping[str, SignalNoise]
+    seed: int
 
 
 class Driver:
@@ -103,13 +139,24 @@ class Driver:
     def __init__(self, bench: Bench) -> None:
         self.bench = bench
         self._controllers: dict[tuple[str, str], Controller] = {}
+        self._no_room: str | None = None
 
-    def drive(self, asked: Drive) -> Outcome:
+    def drive(self, asked: Drive | Beside) -> Outcome:
         """Drive once; what cannot be driven is told, not raised."""
         try:
-            return self._driven(asked)
-        except BadRecipe as error:
+            try:
+                return self._done(asked)
+            except NotIdentifiable as error:
+                if asked.controller != ROBUST or self._no_room is not None:
+                    raise
+                self._no_room = str(error)
+                self._controllers.clear()
+                return self._done(asked)
+        except (BadRecipe, NotIdentifiable) as error:
             return NotDriven(asked, str(error))
+
+    def _done(self, asked: Drive | Beside) -> Outcome:
+        return self._driven(asked) if isinstance(asked, Drive) else self._compared(asked)
 
     def _driven(self, asked: Drive) -> Driven:
         bench = self.bench
@@ -117,7 +164,8 @@ class Driver:
         plant = Plant(changed(truck, asked.mismatch) if asked.mismatch else truck, bench.sensors)
         settings = Settings(lateral_limit=bench.lane_half_width, seed=asked.seed)
         reference = bench.references[asked.path]
-        course = run(plant, self._controller(asked), reference, asked.start, settings)
+        controller = self._controller(asked.controller, asked.path.prediction)
+        course = run(plant, controller, reference, asked.start, settings)
         label = Label(
             asked.path.scenario,
             asked.path.speed,
@@ -128,20 +176,38 @@ class Driver:
             asked.seed,
         )
         made = told(course, label, Limits(bench.lane_half_width))
-        return Driven(asked, made, course if asked.kept else None)
+        note = self._no_room if asked.controller == ROBUST else None
+        return Driven(asked, made, course if asked.kept else None, note)
 
-    def _controller(self, asked: Drive) -> Controller:
-        key = asked.controller, asked.path.prediction
+    def _compared(self, asked: Beside) -> Compared:
+        controller = self._controller(asked.controller, self.bench.prediction)
+        looked_on = shadow(asked.controller, controller, asked.stretch)
+        level = looked_on.level()
+        if not level.agrees:
+            return Compared(asked, looked_on, (level,))
+        plant = Plant(self.bench.simulated[IDENTIFIED], self.bench.sensors)
+        course = closed(controller, plant, asked.stretch, self.bench.seed)
+        further = closed_level(asked.controller, course, asked.stretch, asked.acceptable, asked.noise)
+        return Compared(asked, looked_on, (level, further), course)
+
+    def _controller(self, name: ControllerName, prediction: str) -> Controller:
+        key = name, prediction
         if key not in self._controllers:
-            truck = self.bench.believed[asked.path.prediction]
-            self._controllers[key] = CONTROLLERS[asked.controller](truck, self.bench.period)
+            self._controllers[key] = self._made(name, self.bench.believed[prediction])
         return self._controllers[key]
+
+    def _made(self, name: ControllerName, truck: Truck) -> Controller:
+        """A controller; the set of the robust one comes from the residuals, where they leave room."""
+        period = self.bench.period
+        if name == ROBUST and self._no_room is None:
+            return mpc_robust(truck, period, bounds=bounds_of_residuals(self.bench.noise, period))
+        return CONTROLLERS[name](truck, period)
 
 
 _driver: list[Driver] = []
 
 
-def drive_all(bench: Bench, drives: Sequence[Drive], jobs: int, progress: Progress) -> list[Outcome]:
+def drive_all(bench: Bench, drives: Sequence[Drive | Beside], jobs: int, progress: Progress) -> list[Outcome]:
     """Drive all, in processes side by side where there is more than one job.
 
     Returns
@@ -176,5 +242,5 @@ def _begin(bench: Bench) -> None:
     _driver[:] = [Driver(bench)]
 
 
-def _drive(asked: Drive) -> Outcome:
+def _drive(asked: Drive | Beside) -> Outcome:
     return _driver[0].drive(asked)

@@ -13,10 +13,10 @@ import numpy as np
 
 from ident.control.closed_loop import Disturbance
 from ident.results import ControllerName
-from ident.stages.validate_bench import Drive, Driven, Outcome, Path
+from ident.stages.validate_bench import IDENTIFIED, Drive, Driven, Outcome, Path
 from ident.stages.validate_settings import ValidateSettings
 
-IDENTIFIED, IMPROVED = "identified", "improved"
+IMPROVED = "improved"  # simulated truck
 QUICK_STARTS = 2
 MARGIN_STARTS = 2
 

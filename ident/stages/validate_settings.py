@@ -19,9 +19,9 @@ from ident.yaml_file import nearest
 CONTROLLERS: tuple[ControllerName, ...] = get_args(ControllerName)
 SCENARIOS: tuple[ScenarioName, ...] = tuple(name for name in get_args(ScenarioName) if name != "logged")
 MISMATCH: dict[str, tuple[float, ...]] = {
-    "mass": (-0.4, -0.2, 0.3),
+    "mass": (-0.4, 0.3),
     "stiffness": (-0.3, 0.3),
-    "friction": (0.3, 0.6),
+    "friction": (0.5,),
     "dead_time": (-0.1, 0.1, 0.2),
     "time_constant": (-0.5, 0.5),
     "ratio": (-0.05, 0.05),
@@ -94,7 +94,7 @@ class ValidateSettings(BaseModel):
     lane_half_width: Annotated[float, quantity("m", positive=True)] = 1.75
     lateral_acceleration: Annotated[float, quantity("m/s^2", positive=True)] = 3.0
     disturbances: Literal["monte_carlo", "grid"] = "monte_carlo"
-    starts: Annotated[int, Field(ge=1)] = 5
+    starts: Annotated[int, Field(ge=1)] = 4
     mismatch: Annotated[dict[str, tuple[float, ...]], BeforeValidator(_sweeps)] = Field(
         default_factory=lambda: dict(MISMATCH)
     )

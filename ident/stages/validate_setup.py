@@ -27,10 +27,10 @@ from ident.errors import BadRecipe, NotIdentifiable
 from ident.model_file import Model, read_model
 from ident.results import Refusal, TyresResult
 from ident.stages.output import Context
-from ident.stages.validate_bench import Bench, Path
-from ident.stages.validate_plan import IDENTIFIED, IMPROVED, drawn_name
+from ident.stages.validate_bench import IDENTIFIED, Bench, Path
+from ident.stages.validate_plan import IMPROVED, drawn_name
 from ident.stages.validate_settings import ValidateSettings
-from ident.stages.validate_truck import OFFSET, Believed, believed, other_models
+from ident.stages.validate_truck import OFFSET, Believed, believed, other_models, sensor_noise
 
 DRAWN = 8  # trucks from the error bars
 REPEATS = 5  # of a timing; the fastest counts
@@ -68,7 +68,11 @@ def subject_of(path: FilePath | None, context: Context) -> Subject:
 
 
 def _subject(model: Model, better: Model, source: str) -> Subject:
-    """Both models may be one: that of a file, whose effects the controllers do not know of."""
+    """Both models may be one: that of a file, whose effects the controllers do not know of.
+
+    The noise is that of the better one: what its residuals hold is less an error of the model.
+    """
+    model = replace(model, noise=better.noise)
     truck = believed(model, source)
     improved = believed(better, source, found="improve" in better.provenance)
     refused = []
@@ -129,9 +133,17 @@ def set_up(subject: Subject, settings: ValidateSettings, tyres: TyresResult | No
         raise NotIdentifiable(f"no scenario can be driven: {refused[0].reason}")
     named = {name: one.model for name, one in simulated.items()}
     named[IMPROVED] = "+".join([truck.name, *subject.effects])
-    sensors = Sensors(noise_of(subject.model.noise))
     bench = Bench(
-        settings.period, settings.lane_half_width, believed_as, simulated, named, references, sensors
+        period=settings.period,
+        lane_half_width=settings.lane_half_width,
+        prediction=truck.name,
+        believed=believed_as,
+        simulated=simulated,
+        named=named,
+        references=references,
+        sensors=Sensors(noise_of({name: sensor_noise(one) for name, one in subject.model.noise.items()})),
+        noise=subject.model.noise,
+        seed=seed,
     )
     driveable = {path.prediction for path in references if path.scenario == kept[0]}
     return Setup(

@@ -33,6 +33,8 @@ OF_ACTUATOR = {
 OFFSET = "steering_offset"
 NUISANCE = (OFFSET, "road_bank")
 COLOUR = 0.2  # [s] of a noise that is one of a sensor
+LONG = 20.0  # [s]
+SAME = 1.1
 
 
 @dataclass(frozen=True)
@@ -114,13 +116,21 @@ def believed(model: Model, source: str, *, found: bool = False) -> Believed:
     return Believed(truck, effects, of_actuator, steering.pair, tracked, offset or 0.0, noise, notes)
 
 
-def noise_std(noise: SignalNoise) -> float:
-    """Standard deviation of a noise from that of its innovations; slower colour is an error of the model."""
+def noise_std(noise: SignalNoise, seconds: float = COLOUR) -> float:
+    """Standard deviation of a noise, from its innovations, within so many seconds."""
     if not noise.ar or noise.sample_period is None:
         return noise.std
-    samples = max(1, round(COLOUR / noise.sample_period))
+    samples = max(1, round(seconds / noise.sample_period))
     answer = lfilter([1.0], [1.0, *(-a for a in noise.ar)], np.eye(1, samples)[0])
     return noise.std * float(np.sqrt(np.sum(answer**2)))
+
+
+def sensor_noise(noise: SignalNoise) -> SignalNoise:
+    """What a sensor adds: a colour longer than ``COLOUR`` is none of it, but what the model lacks."""
+    size = noise_std(noise)
+    if noise_std(noise, LONG) <= SAME * size:
+        return noise
+    return SignalNoise(size, correlation_time=COLOUR)
 
 
 def tyre_parameters(tyres: TyresPart, source: str) -> dict[str, float]:
