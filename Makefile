@@ -1,7 +1,8 @@
 # make run      all stages on the sample logs (report in reports/sample_logs/)
 # make test     everything that is checked: style, types, tests
 # make study    the statistical studies, in full; what is done is kept and not done again
-# make bench    nanoseconds a step of each model, and one fit against CasADi and scipy, as ratios
+# make bench    nanoseconds a step of each model, one fit against CasADi and scipy, and the predictive
+#               controllers against their period and their programs in other solvers, as ratios
 # make schema   JSON Schemas of the outputs, from the classes of ident/results.py
 # make samples  the sample logs again, from their seed
 # make lock     the pinned requirements again, from pyproject.toml (needs uv: https://docs.astral.sh/uv)
@@ -47,6 +48,7 @@ study: $(VENV)/dev.stamp
 bench: $(VENV)/dev.stamp
 	$(BIN)/python benchmarks/bench_models.py
 	$(BIN)/python benchmarks/bench_fit.py
+	$(BIN)/python benchmarks/bench_mpc.py
 
 schema: $(VENV)/dev.stamp
 	$(BIN)/python -m ident.pipeline.schema docs/schema

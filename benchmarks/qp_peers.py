@@ -6,7 +6,6 @@ daqp is given the condensed program: the states, which follow from the inputs, a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from time import perf_counter
 from typing import Any
 
 import daqp
@@ -35,20 +34,18 @@ class Osqp:
         }
         self._solver: Any = None
 
-    def solve(self, program: QuadraticProgram) -> tuple[Array | None, float, int]:
-        """The solution, None where there is none; the time of update and solve [s]; the iterations."""
+    def solve(self, program: QuadraticProgram) -> tuple[Array | None, int]:
+        """The solution, None where there is none, and the iterations."""
         upper, rows = sp.triu(program.P, format="csc"), _rows(program)
         low = np.concatenate([program.b, program.h_low, program.z_low])
         high = np.concatenate([program.b, program.h_high, program.z_high])
-        began = perf_counter()
         if self._solver is None:
             self._solver = osqp.OSQP()
             self._solver.setup(upper, program.c, rows, low, high, **self._settings)
         else:
             self._solver.update(q=program.c, l=low, u=high, Px=upper.data, Ax=rows.data)
         found = self._solver.solve(raise_error=False)
-        taken = perf_counter() - began
-        return (found.x if found.info.status_val == 1 else None), taken, int(found.info.iter)
+        return (found.x if found.info.status_val == 1 else None), int(found.info.iter)
 
 
 def _rows(program: QuadraticProgram) -> sp.csc_matrix:
@@ -98,14 +95,10 @@ def condensed(program: QuadraticProgram) -> Condensed:
     )
 
 
-def solve_daqp(program: QuadraticProgram, tolerance: float = 1e-9) -> tuple[Array | None, float, float]:
-    """The solution, None where there is none; the time of daqp alone and that of the condensation [s]."""
-    began = perf_counter()
-    dense = condensed(program)
-    ready = perf_counter()
+def run_daqp(dense: Condensed, tolerance: float = 1e-9) -> Array | None:
+    """The solution by daqp with all variables, None where there is none."""
     sense = np.zeros(dense.low.size, dtype=np.int32)
-    limits = (np.minimum(dense.high, 1e30), np.maximum(dense.low, -1e30))
+    limits = np.minimum(dense.high, 1e30), np.maximum(dense.low, -1e30)
     settings = {"primal_tol": tolerance, "dual_tol": tolerance}
     w, _, flag, _ = daqp.solve(dense.H, dense.f, np.ascontiguousarray(dense.M), *limits, sense, **settings)
-    taken = perf_counter() - ready
-    return (dense.S @ w + dense.offset if flag == 1 else None), taken, ready - began
+    return dense.S @ w + dense.offset if flag == 1 else None

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from numpy.typing import NDArray
-from qp_peers import Osqp, solve_daqp
+from qp_peers import Osqp, condensed, run_daqp
 from scipy.optimize import Bounds, LinearConstraint, minimize
 
 from ident.control.qp import Layout, QuadraticProgram, Solver, StagedProgram, Stages
@@ -169,8 +169,8 @@ def test_a_small_program_has_the_optimum_that_scipy_finds() -> None:
 def test_osqp_and_daqp_find_the_same_plan(seed: int) -> None:
     program = soft_program(seed)
     z = solved(program)
-    by_osqp, _, _ = Osqp(1e-10, 200_000).solve(program)
-    by_daqp, _, _ = solve_daqp(program, 1e-11)
+    by_osqp, _ = Osqp(1e-10, 200_000).solve(program)
+    by_daqp = run_daqp(condensed(program), 1e-11)
     assert by_osqp is not None
     assert by_daqp is not None
     assert z == pytest.approx(by_osqp, abs=1e-6)
