@@ -24,7 +24,7 @@ class SteeringActuator:
         request is one of the road wheels
     rate_limit : of the angle before the ratio map [rad/s]; None where there is none
     play : width of the play in the column, between actuator and measured angle [rad]
-    dead_zone : half width of the requests' change that nothing follows [rad]
+    dead_zone : largest request that is not answered, and that is missing from every larger one [rad]
     """
 
     gain: float

@@ -12,9 +12,10 @@ from scipy.linalg import expm
 
 from ident.control.actuation import LOWEST_SPEED
 from ident.control.controllers.controller import Command
-from ident.control.plant import COLUMNS, Plant, Start, Stretch
+from ident.control.plant import COLUMNS, Plant, Start, Stretch, steering_angle_for
 from ident.control.simulated import effects_of
 from ident.control.truck import Truck
+from ident.dynamics.blocks import ratio_map
 from ident.dynamics.effects import LOAD_TRANSFER
 from ident.errors import BadRecipe
 
@@ -298,3 +299,12 @@ def test_a_ride_never_stands_and_drives_on():
     assert np.min(speed) == pytest.approx(LOWEST_SPEED)
     assert np.all(np.isfinite(found.values["yaw_rate"]))
     assert speed[-1] > 1.0
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_angle_before_the_ratio_map_is_found_from_the_road_wheels(sign):
+    table = np.array([[-8.0, -0.3 * sign], [0.0, 0.0], [4.0, 0.25 * sign], [8.0, 0.7 * sign]])
+    steering = truck(ratio=table).steering
+    for wheel in (-9.0, -8.0, -1.0, 0.0, 3.0, 4.0, 7.0, 8.5):
+        road, _ = ratio_map(table, np.array([wheel]))
+        assert steering_angle_for(steering, float(road[0])) == pytest.approx(wheel, abs=1e-12)
