@@ -8,9 +8,12 @@ a path begins at the origin along x, curvature is positive to the left.
 
 Lanes of the double lane change (ISO 3888-1, of a vehicle of width w): 15 m of lane, 30 m to change, 25 m of
 lane beside it by 3.5 m, 25 m to change back, 30 m of lane (the 2018 edition splits this into 15 m and 15 m);
-widths 1.1 w + 0.25, 1.2 w + 0.25, 1.3 w + 0.25. The lane offset is taken here between the centre lines;
-between the right edges it would move the second lane by 0.05 w. The standard is one for cars, who cut its
-corners; this path keeps to the centre line of every lane, so a truck has to be slow on it.
+widths 1.1 w + 0.25, 1.2 w + 0.25, 1.3 w + 0.25. The lane offset is taken here between the centre lines; between
+the right edges it would move the second lane by 0.05 w. The path does not keep to the centre lines up to the
+last cone: no steering could follow that at a speed worth a test. It leaves them so early that at the cones it
+is off by half the room beside the vehicle in the narrowest lane, m = (0.05 w + 0.125)/2. Three even ramps of
+curvature that go over by d in a length L are 4.5 d (c/L)³ off after c, so each change begins and ends
+c = L (m/(4.5 d))^⅓ inside its lanes. The standard is one for cars; a truck has to be slow on it.
 """
 
 from __future__ import annotations
@@ -84,7 +87,7 @@ def single_lane_change(
 
 
 def double_lane_change(*, width: float = 2.5, lead_in: float = 50.0, run_out: float = 100.0) -> Path:
-    """ISO 3888-1: to the left by 3.5 m and back, along the centre lines of the lanes.
+    """ISO 3888-1: to the left by 3.5 m and back, between the cones.
 
     width : of the vehicle [m]
     """
@@ -104,7 +107,7 @@ def double_lane_change_scaled(
     BadRecipe
         If no stretch gives that curvature.
     """
-    shortest = min(ISO_LENGTHS[1], ISO_LENGTHS[3])
+    shortest = min(ISO_LENGTHS[1], ISO_LENGTHS[3]) / (1.0 - 2.0 * _share_inside(width))
     factor = lane_change_length(sharpest) / shortest
     return _double("double_lane_change_scaled", factor, width, lead_in, run_out)
 
@@ -170,13 +173,23 @@ def mirrored(path: Path) -> Path:
 def _double(name: str, factor: float, width: float, lead_in: float, run_out: float) -> Path:
     ends = lead_in + factor * np.cumsum([0.0, *ISO_LENGTHS])
     sides = (0.0, 0.0, LANE_OFFSET, LANE_OFFSET, 0.0, 0.0)
-    nodes = [_on_line(0.0, 0.0), *map(_on_line, ends, sides), _on_line(ends[-1] + run_out, 0.0)]
+    inside = _share_inside(width) / (1.0 - 2.0 * _share_inside(width))
+    there, back = inside * (ends[2] - ends[1]), inside * (ends[4] - ends[3])
+    places = ends + np.array([0.0, -there, there, -back, back, 0.0])
+    nodes = [_on_line(0.0, 0.0), *map(_on_line, places, sides), _on_line(ends[-1] + run_out, 0.0)]
     widths = [share * width + added for share, added in ISO_WIDTHS]
     lanes = tuple(
         Lane(float(ends[i]), float(ends[i + 1]), sides[i], lane_width)
         for i, lane_width in zip((0, 2, 4), widths, strict=True)
     )
     return replace(_joined(name, nodes), lanes=lanes)
+
+
+def _share_inside(width: float) -> float:
+    """c/L, see above, for a vehicle of this width [m]."""
+    share, added = min(ISO_WIDTHS)
+    margin = ((share - 1.0) * width + added) / 4.0
+    return float(np.cbrt(margin / (4.5 * LANE_OFFSET)))
 
 
 def _on_line(x: float, y: float) -> Node:

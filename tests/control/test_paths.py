@@ -91,21 +91,30 @@ def test_the_track_of_the_standard_is_125_m_long_with_lanes_that_depend_on_the_w
 
 
 @pytest.mark.parametrize("name", ["double", "scaled"])
-def test_a_vehicle_on_the_centre_line_stays_between_the_cones(name: str):
+def test_a_vehicle_on_the_path_stays_between_the_cones(name: str):
     path = PATHS[name]
     for lane in path.lanes:
         inside = (path.position_x >= lane.begin) & (path.position_x <= lane.end)
         assert np.count_nonzero(inside) > 40
         for side in (-WIDTH / 2, WIDTH / 2):
             edge = path.position_y[inside] + side * np.cos(path.heading[inside])
-            assert np.all(np.abs(edge - lane.centre) < lane.width / 2 - 0.1)
+            assert np.all(np.abs(edge - lane.centre) < lane.width / 2 - 0.11)
+
+
+@pytest.mark.parametrize("name", ["double", "scaled"])
+def test_the_double_lane_change_uses_half_of_the_room_between_the_narrowest_cones(name: str):
+    path = PATHS[name]
+    first, second, third = path.lanes
+    cones = [first.end, second.begin, second.end, third.begin]
+    off = np.interp(cones, path.position_x, path.position_y) - [0.0, 3.5, 3.5, 0.0]
+    np.testing.assert_allclose(off, [0.125, -0.125, -0.125, 0.125], rtol=0.03)
 
 
 def test_the_scaled_track_is_that_of_the_standard_stretched_along_x():
     own, scaled = PATHS["double"], PATHS["scaled"]
     assert (own.name, scaled.name) == ("double_lane_change", "double_lane_change_scaled")
     factor = (scaled.lanes[2].end - scaled.lanes[0].begin) / 125.0
-    assert factor > 2
+    assert 1.2 < factor < 2
     for lane, stretched in zip(own.lanes, scaled.lanes, strict=True):
         assert stretched.width == lane.width
         assert stretched.end - stretched.begin == pytest.approx(factor * (lane.end - lane.begin))
