@@ -8,12 +8,12 @@ a path begins at the origin along x, curvature is positive to the left.
 
 Lanes of the double lane change (ISO 3888-1, of a vehicle of width w): 15 m of lane, 30 m to change, 25 m of
 lane beside it by 3.5 m, 25 m to change back, 30 m of lane (the 2018 edition splits this into 15 m and 15 m);
-widths 1.1 w + 0.25, 1.2 w + 0.25, 1.3 w + 0.25. The lane offset is taken here between the centre lines; between
-the right edges it would move the second lane by 0.05 w. The path does not keep to the centre lines up to the
-last cone: no steering could follow that at a speed worth a test. It leaves them so early that at the cones it
-is off by half the room beside the vehicle in the narrowest lane, m = (0.05 w + 0.125)/2. Three even ramps of
-curvature that go over by d in a length L are 4.5 d (c/L)³ off after c, so each change begins and ends
-c = L (m/(4.5 d))^⅓ inside its lanes. The standard is one for cars; a truck has to be slow on it.
+widths 1.1 w + 0.25, 1.2 w + 0.25, 1.3 w + 0.25. The lane offset is taken here between the centre lines;
+between the right edges it would move the second lane by 0.05 w. The path does not keep to the centre lines up
+to the last cone: no steering could follow that at a speed worth a test. It leaves them so early that at the
+cones it is off by half the room beside the vehicle in the narrowest lane, m = (0.05 w + 0.125)/2.
+Three even ramps of curvature that go over by d in a length L are 4.5 d (c/L)³ off after c, so each change
+begins and ends c = L (m/(4.5 d))^⅓ inside its lanes. The standard is one for cars; a truck has to be slow on it.
 """
 
 from __future__ import annotations
