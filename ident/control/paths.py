@@ -13,7 +13,7 @@ between the right edges it would move the second lane by 0.05 w. The path does n
 to the last cone: no steering could follow that at a speed worth a test. It leaves them so early that at the
 cones it is off by half the room beside the vehicle in the narrowest lane, m = (0.05 w + 0.125)/2.
 Three even ramps of curvature that go over by d in a length L are 4.5 d (c/L)³ off after c, so each change
-begins and ends c = L (m/(4.5 d))^⅓ inside its lanes. The standard is one for cars; a truck has to be slow on it.
+begins and ends c = L (m/(4.5 d))^⅓ inside its lanes. The standard is one for cars; a truck is slow on it.
 """
 
 from __future__ import annotations
