@@ -63,6 +63,8 @@ PROCESS = {
     "drift": 0.02,  # [m/s/√s]
     "turn_drift": 0.001,  # [rad/s/√s]
 }
+# The kinematic model lacks the drift of cornering, which is no constant: what follows it fast feeds it back.
+WITHOUT_TYRES = {"drift": 0.005, "turn_drift": 0.0003}
 OF_THE_REQUEST = ("steering_angle", "steering_rate", "steering_disturbance")
 
 _designs: dict[tuple[str, bytes, float, float], tuple[Schedule, Schedule]] = {}
@@ -230,7 +232,8 @@ def _designed(prediction: Prediction, period: float) -> tuple[Schedule, Schedule
     names = prediction.states[1:]
     slope = prediction.mean_ratio
     measurement = _variances(MEASUREMENT, names, slope)
-    process = _variances(PROCESS, (*names, *prediction.disturbances), slope) * period
+    sizes = PROCESS if "yaw_rate" in names else PROCESS | WITHOUT_TYRES
+    process = _variances(sizes, (*names, *prediction.disturbances), slope) * period
     gains, fastest = [], []
     for speed in SPEEDS:
         A, E = straight(prediction, float(speed))

@@ -3,8 +3,9 @@
     κ = -(ω² e_a + 2 ζ ω v e_ψ + (ω²/T_i) ∫ e_a dt)/v²,      e_a = e_y + v t_a e_ψ
 
 in curvature beside that of the reference: with ë_y = v² κ the gains are a frequency ω and a damping ratio ζ
-at every speed. The derivative of e_y is v e_ψ, so that no measured error is differentiated. The integral is
-held while the steering is at a limit, and kept to what ``LARGEST_INTEGRAL`` answers.
+at every speed. The derivative of e_y is v e_ψ, so that no measured error is differentiated. The integral
+stands still where the error is beyond ``INTEGRAL_ZONE`` or the steering at a limit: it is there for what
+stays, not for what a disturbed start or the estimate of a disturbance leaves on the way.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from ident.control.controllers.weights import PID_GAINS
 from ident.control.reference import Reference
 from ident.control.truck import Truck
 
-LARGEST_INTEGRAL = 1.0  # [m s]
+INTEGRAL_ZONE = 0.1  # [m]
 
 
 class PID:
@@ -58,7 +59,6 @@ class PID:
         wanted += 2 * gains["damping"] * gains["frequency"] * speed * heading
         angle = self.cornering.angle_for(-wanted / speed**2, deviation)
         command, diagnostics = self.cornering.command(deviation, angle)
-        if not self.cornering.is_limited(deviation, command):
-            grown = self._integral + error * self.period
-            self._integral = min(max(grown, -LARGEST_INTEGRAL), LARGEST_INTEGRAL)
+        if abs(error) < INTEGRAL_ZONE and not self.cornering.is_limited(deviation, command):
+            self._integral += error * self.period
         return command, diagnostics
