@@ -59,7 +59,7 @@ STYLES: dict[ControllerName, tuple[str, str]] = {
     "mpc_time": ("other_1", "solid"),
     "mpc_spatial": ("modelled", "dash"),
     "mpc_spatial_rate": ("modelled", "solid"),
-    "mpc_robust": ("measured", "solid"),
+    "mpc_robust": ("caution", "solid"),
 }
 """Colour and dash of the lines of a controller."""
 SHOWN_IN = {"rad": (1e3, "mrad"), "rad/s": (1e3, "mrad/s")}
@@ -151,6 +151,11 @@ def measure_of(name: str, unit: str = "1") -> Measure:
     factor, shown = SHOWN_IN.get(unit, (1.0, unit_text(unit)))
     own = name.replace("_", " ")
     return MEASURES.get(name) or Measure(own, own, shown, factor)
+
+
+def upper_first(text: str) -> str:
+    """Begin a text with a capital letter, the rest as it is."""
+    return text[:1].upper() + text[1:]
 
 
 def rounded(value: float, places: int) -> str:

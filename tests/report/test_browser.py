@@ -4,7 +4,7 @@ import os
 import shutil
 
 import pytest
-import validate_case as validation
+import validated_case as validation
 from playwright.sync_api import sync_playwright
 
 from ident.report.html import write_report

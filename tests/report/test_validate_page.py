@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import plotly.graph_objects as go
 import pytest
-import validate_case as validation
+import validated_case as validation
 from pydantic import TypeAdapter
 
 from ident.report.html import _plain, render, table_json
@@ -104,7 +104,7 @@ def test_each_scenario_has_all_its_measures_with_units(page):
     ]
     folded = [block for block in section(page, "scenarios") if isinstance(block, Details)]
     assert [one.open for one in folded] == [True, False, False, False]
-    assert folded[1].summary.endswith("45 runs, 11 lost")
+    assert folded[1].summary == "Double lane change (ISO 3888-1): 45 runs, 11 lost"
 
 
 def test_numbers_of_the_tables_are_those_of_the_result(page, result):
@@ -160,6 +160,16 @@ def test_a_path_that_turns_is_drawn_to_scale(result):
     figure = of(section(validate_page(result, {**tables, "validate": turned}), "worst"), Figure)[0]
     assert figure.spec["layout"]["yaxis"]["scaleanchor"] == "x"
     assert figure.caption.startswith("To scale")
+
+
+def test_measures_are_drawn_from_zero_so_that_small_differences_stay_small(result):
+    figure = validate_figures.measures_figure(result)
+    for number in range(5):
+        low, high = figure.spec["layout"][f"xaxis{number + 1 if number else ''}"]["range"]
+        own = [trace for trace in figure.spec["data"] if trace["xaxis"] == f"x{number + 1 if number else ''}"]
+        ends = np.concatenate([trace["x"] + trace["error_x"]["array"] for trace in own])
+        assert low == 0.0
+        assert ends.max() < high <= 1.1 * ends.max()
 
 
 def test_lost_pairs_are_told_as_such_and_shaded_apart(result):

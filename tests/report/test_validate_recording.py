@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import validate_case as validation
+import validated_case as validation
 from rrd import columns, strips, views
 
 from ident.report import recording

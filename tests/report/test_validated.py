@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-import validate_case as validation
+import validated_case as validation
 from hypothesis import given
 from hypothesis import strategies as st
 

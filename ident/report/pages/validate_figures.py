@@ -91,10 +91,17 @@ def _measure_panel(
         traces,
         x=measure_of(measure, _unit_of(result, measure)).head,
         y="",
+        x_range=(0.0, 1.06 * _furthest(traces)),
         categories=list(names) and [controller_name(name) if first else "" for name in names],
         marks=[figures.band(row - 0.5, row + 0.5, "page", along="y") for row in range(1, len(names), 2)],
         ticks=(4, 4),
     )
+
+
+def _furthest(traces: Sequence[figures.Trace]) -> float:
+    """Give the largest end of the intervals drawn; 1 where all are zero."""
+    ends = [float(np.max(trace["x"] + trace["error_x"]["array"])) for trace in traces]
+    return max(ends, default=0.0) or 1.0
 
 
 def _unit_of(result: ValidateResult, measure: str) -> str:

@@ -207,7 +207,12 @@ def _level_figure(tables: Mapping[str, pd.DataFrame], run: str, level: int) -> F
     panels = [_level_panel(name, lines) for name, lines in found.items()]
     sources = len(sources_of(list(found.values())))
     told = LEVELS.get(level, "")
-    caption = "From the logged reference; the lines break between engaged stretches."
+    caption = "Errors from the logged reference; lines break between engaged stretches."
+    if level <= 1:
+        caption += (
+            " Simulated freely from the beginning of each stretch, so that the place drifts; whether the "
+            "level agrees is judged over short windows."
+        )
     return _stacked(panels, f"Level {level}: {told}", caption, many=sources > 4)
 
 

@@ -37,6 +37,7 @@ from ident.report.validated import (
     shown_range,
     shown_score,
     simulated_name,
+    upper_first,
 )
 from ident.results.validate import Cell, ClosedLoopRun, ModelPair, ValidateResult
 
@@ -63,7 +64,7 @@ def matrix(result: ValidateResult) -> Block:
     return Table(
         columns,
         rows,
-        f"{shown.name.capitalize()} [{shown.unit}] of each controller, best ranked first",
+        f"{upper_first(shown.name)} [{shown.unit}] of each controller, best ranked first",
         notes=[MEDIANS, STARRED, "✗: the truck left the lane or did not come to the end"],
         records=cell_records(result),
         download="validate_cells.csv",
@@ -181,7 +182,7 @@ def scenario_summary(result: ValidateResult, scenario: str) -> str:
     """Say in one line how a scenario went."""
     cells = [cell for cell in result.cells if cell.scenario == scenario]
     runs, lost = sum(cell.runs for cell in cells), sum(map(lost_in, cells))
-    return f"{scenario_name(scenario).capitalize()}: {count(runs, 'run')}, {lost or 'none'} lost"
+    return f"{upper_first(scenario_name(scenario))}: {count(runs, 'run')}, {lost or 'none'} lost"
 
 
 def _unit(cells: Sequence[Cell], measure: str) -> str:
