@@ -62,6 +62,8 @@ def fakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Fake]:
             title=true.title,
             needs=true.needs,
             helped_by=true.helped_by,
+            takes=true.takes,
+            given=true.given,
             settings=true.settings,
             reads=true.reads,
             identifies=true.identifies,
