@@ -21,6 +21,7 @@ from ident.control.linear import Schedule
 from ident.control.prediction import Prediction
 from ident.control.reference import Reference
 from ident.control.truck import Truck
+from ident.dynamics.blocks import ratio_map
 
 Array = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ class Deviation:
     """How the truck will be beside steady cornering when the steering's lags have passed.
 
     speed : [m/s]; lateral_error : left positive [m]; heading_error : beside that of the reference [rad]
-    yaw_rate : beside that of the reference [rad/s]; request : the steering request of the reference [rad]
+    yaw_rate : beside that of the reference [rad/s]; road_wheel_angle : of the reference [rad]
     """
 
     situation: Situation
@@ -42,7 +43,7 @@ class Deviation:
     lateral_error: float
     heading_error: float
     yaw_rate: float
-    request: float
+    road_wheel_angle: float
 
 
 class SteadyCornering:
@@ -74,13 +75,13 @@ class SteadyCornering:
         aside, heading = (float(state[index[n]]) for n in ("lateral_error", "heading_error"))
         turned = heading - float(goals.states[0, index["heading_error"]])
         turning = self._yaw_rate(state, goals) if "yaw_rate" in index else 0.0
-        request = float(goals.controls[0, 0])
-        return Deviation(situation, reference, self._targets, speed, aside, turned, turning, request)
+        wheels, _ = ratio_map(self.base.truck.steering.ratio, goals.states[:, index["steering_angle"]])
+        return Deviation(situation, reference, self._targets, speed, aside, turned, turning, float(wheels[0]))
 
     def command(self, deviation: Deviation, angle: float) -> tuple[Command, Diagnostics]:
         """Steer this much beside the reference [rad, at the road wheels], and hold the speed."""
         base = self.base
-        steering = deviation.request + angle / (base.prediction.mean_ratio * base.truck.steering.gain)
+        steering = base.request_for(deviation.road_wheel_angle + angle)
         acceleration = base.acceleration(deviation.situation, deviation.reference)
         return base.command(deviation.situation, steering, acceleration)
 

@@ -45,8 +45,8 @@ PID_GAINS: Mapping[str, float] = {
     "integral_time": 30.0,  # [s]
 }
 PURE_PURSUIT_GAINS: Mapping[str, float] = {
-    "lead": 0.2,  # [s]
-    "look_ahead_time": 0.65,  # [s]
+    "lead": 0.22,  # [s]
+    "look_ahead_time": 0.87,  # [s]
     "shortest_look_ahead": 5.0,  # [m]
 }
 STANLEY_GAINS: Mapping[str, float] = {

@@ -108,6 +108,13 @@ def test_what_is_constant_leaves_no_offset(controllers, name, what):
     assert np.abs(settled).max() < 0.01
 
 
+def test_a_bent_ratio_map_is_steered_through(road):
+    bent = np.array([[-12.0, -0.7], [0.0, 0.0], [0.4, 0.03], [12.0, 0.5]])
+    pid = CONTROLLERS["pid"](truck(ratio=bent), PERIOD)
+    loop = run(Plant(truck(ratio=bent)), pid, road)
+    assert np.abs(loop.lateral_error).max() < 0.3
+
+
 @pytest.mark.parametrize("name", CLASSICAL)
 def test_a_run_is_the_same_after_another_one(controllers, road, name):
     first = run(late(0.0), controllers[name], road)
