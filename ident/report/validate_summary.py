@@ -13,6 +13,7 @@ from ident.report.validated import (
     completed_text,
     controller_name,
     controllers_of,
+    is_best,
     lost_in,
     main_measure,
     measure_of,
@@ -70,7 +71,7 @@ def _cell_text(result: ValidateResult, controller: str, scenario: str, measure: 
         return NONE
     if not cell.completed:
         return _words(completed_text(cell))
-    star = f"{STAR} " if measure in cell.best_in else ""
+    star = f"{STAR} " if is_best(cell, measure) else ""
     lost = f" ({_words(completed_text(cell))})" if lost_in(cell) else ""
     return f"{star}{shown_score(score_of(cell, measure))}{lost}"
 
@@ -113,7 +114,11 @@ def _margin_lines(result: ValidateResult) -> list[str]:
 
 
 def _claim_lines(result: ValidateResult) -> list[str]:
-    return [plain(f"claim {HOLDS[one.holds][0]}: {one.claim} ({one.evidence})") for one in result.claims]
+    """Tell the claims that the runs decide, and count the others."""
+    decided = [one for one in result.claims if one.holds != "undecided"]
+    lines = [plain(f"claim {HOLDS[one.holds][0]}: {one.claim} ({one.evidence})") for one in decided]
+    left = len(result.claims) - len(decided)
+    return [*lines, f"{count(left, 'claim')} undecided: the report has them"] if left else lines
 
 
 def _limited(what: str, texts: Sequence[str]) -> list[str]:

@@ -247,6 +247,12 @@ def shown_range(score: Score | None) -> str | None:
     return None if low == high else f"{low} … {high}"
 
 
+def is_best(cell: Cell, measure: str) -> bool:
+    """Say whether no other is clearly better; without intervals, of too few starts, nobody is told to be."""
+    score = score_of(cell, measure)
+    return measure in cell.best_in and score is not None and score.low is not None
+
+
 def lost_in(cell: Cell) -> int:
     """Count the runs of a cell in which the path was lost."""
     return cell.runs - cell.completed

@@ -80,6 +80,14 @@ def test_a_score_that_is_no_number_is_none():
     assert validated.shown_score(None) == "–"
 
 
+def test_nobody_is_best_where_too_few_starts_give_no_interval():
+    sizes = [Score("lateral_error_rms", 0.3, None, None, "m"), Score("lateral_error_max", 0.3, 0.2, 0.4, "m")]
+    cell = Cell("pid", "logged", 2, 2, sizes, ["lateral_error_rms", "lateral_error_max", "braking_work"])
+    assert not validated.is_best(cell, "lateral_error_rms")
+    assert validated.is_best(cell, "lateral_error_max")
+    assert not validated.is_best(cell, "braking_work")
+
+
 @pytest.mark.parametrize(
     ("runs", "completed", "text"),
     [(5, 5, "all 5"), (1, 1, "yes"), (5, 4, "✗\u00a01 of 5 lost"), (5, 0, "✗\u00a0all 5 lost")],
@@ -241,7 +249,8 @@ def test_the_terminal_tells_verdict_table_worst_claims_levels_and_what_next(resu
     assert robust.endswith("✗ 99")
     assert "with tyre relaxation, actuator rate limit: PID loses the margin" in lines
     assert "against logs: level 3: the whole loop on the logged reference" in lines
-    assert sum(line.startswith("claim ") for line in lines) == 4
+    assert sum(line.startswith("claim ") for line in lines) == 3
+    assert "1 claim undecided: the report has them" in lines
     assert lines[-1] == f"next: {result.next_step}"
 
 

@@ -25,6 +25,7 @@ from ident.report.validated import (
     controller_name,
     controllers_of,
     disturbance_text,
+    is_best,
     lost_in,
     main_measure,
     measure_of,
@@ -76,7 +77,7 @@ def _matrix_entry(cell: Cell | None, measure: str) -> Entry:
         return Entry(NONE, tone="muted")
     score, lost = score_of(cell, measure), lost_in(cell)
     text = shown_score(score) if cell.completed else "✗\u00a0lost"
-    if measure in cell.best_in and score is not None:
+    if is_best(cell, measure):
         text = f"{BEST}\u00a0{text}"
     said = [part for part in (shown_range(score), completed_text(cell) if lost else None) if part]
     return Entry(text, tone=_tone(cell, measure), detail="; ".join(said) or None)
@@ -85,7 +86,7 @@ def _matrix_entry(cell: Cell | None, measure: str) -> Entry:
 def _tone(cell: Cell, measure: str) -> Tone:
     if lost_in(cell):
         return "bad"
-    return "good" if measure in cell.best_in else "plain"
+    return "good" if is_best(cell, measure) else "plain"
 
 
 def _slowest(result: ValidateResult, controller: str) -> Entry:
@@ -111,7 +112,7 @@ def cell_records(result: ValidateResult) -> list[dict[str, float | int | str | N
             "low": score.low,
             "high": score.high,
             "unit": score.unit,
-            "best": int(score.measure in cell.best_in),
+            "best": int(is_best(cell, score.measure)),
         }
         for cell in result.cells
         for score in cell.scores
@@ -193,7 +194,7 @@ def _score_entry(cell: Cell, measure: str) -> Entry:
     score = score_of(cell, measure)
     if score is None:
         return Entry(NONE, tone="muted")
-    best = measure in cell.best_in
+    best = is_best(cell, measure)
     text = f"{BEST}\u00a0{shown_score(score)}" if best else shown_score(score)
     return Entry(text, raw=score.value, tone="good" if best else "plain", detail=shown_range(score))
 
