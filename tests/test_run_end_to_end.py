@@ -16,12 +16,14 @@ from ident.cli import main
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "sample_logs"
+STAGES = ("info", "steering", "tyres", "evaluate", "improve", "validate")
 RECIPE = """\
 runs: ["planar_*", "steering_*"]
 split: {held_out: [planar_c]}
 tyres: {kinds: [linear]}
 evaluate: {models: [kinematic, linear], require: {yaw_rate: LIMIT}}
 improve: {runs: ["steering_*"], draws: 199}
+validate: {quick: true, controllers: [lqr], scenarios: [single_lane_change], speeds: [40 km/h]}
 """
 
 
@@ -64,7 +66,7 @@ def first(place: Path) -> Result:
 
 def test_every_stage_answers_and_keeps_its_contract(first: Result, place: Path) -> None:
     assert first.exit_code == 0, first.output
-    assert states(first) == dict.fromkeys(("info", "steering", "tyres", "evaluate", "improve"), "done")
+    assert states(first) == dict.fromkeys(STAGES, "done")
     for stage in states(first):
         schema = read(ROOT / "docs" / "schema" / f"{stage}.schema.json")
         jsonschema.Draft202012Validator(schema).validate(read(place / "out" / f"{stage}.json"))
@@ -95,9 +97,7 @@ def test_the_second_run_computes_nothing_and_changes_no_file(first: Result, plac
     before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
     ended = call("run", str(place / "recipe.yaml"), str(place / "logs"), "--out", str(out))
     assert ended.exit_code == 0
-    assert ended.stdout.splitlines()[:6] == [
-        f"{what}: up to date" for what in ("info", "steering", "tyres", "evaluate", "improve", "report")
-    ]
+    assert ended.stdout.splitlines()[:7] == [f"{what}: up to date" for what in (*STAGES, "report")]
     assert "Evaluation: " in ended.stdout
     assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
 
@@ -107,7 +107,7 @@ def test_a_requirement_that_is_not_met_ends_with_5_and_fits_nothing_again(first:
     ended = call(*arguments, "--json")
     assert ended.exit_code == 5
     assert states(ended) == {
-        **dict.fromkeys(("info", "steering", "tyres", "improve"), "up to date"),
+        **dict.fromkeys(STAGES, "up to date"),
         "evaluate": "done",
     }
     lines = [line for line in ended.stderr.splitlines() if line.startswith("ident: ")]
@@ -130,7 +130,7 @@ def test_logs_that_answer_nothing_are_told_of_and_everything_is_refused(tmp_path
     speed = "signals: {speed: {topic: /vehicle/velocity, field: twist.linear.x, unit: m/s}}"
     ended = call(*logs_of_one_run(tmp_path, speed))
     assert ended.exit_code == 4
-    refused = ("steering", "tyres", "evaluate", "improve")
+    refused = ("steering", "tyres", "evaluate", "improve", "validate")
     assert states(ended) == {"info": "done", **dict.fromkeys(refused, "refused")}
     assert ended.stderr.splitlines()[-1].startswith("ident: no stage can answer from these logs: steering: ")
     html = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
@@ -141,7 +141,7 @@ def test_logs_that_answer_nothing_are_told_of_and_everything_is_refused(tmp_path
 def test_logs_without_a_model_have_their_sensors_compared(tmp_path: Path) -> None:
     ended = call(*logs_of_one_run(tmp_path, (SAMPLES / "channels.yaml").read_text(encoding="utf-8")))
     assert ended.exit_code == 0, ended.output
-    refused = dict.fromkeys(("steering", "tyres", "evaluate"), "refused")
+    refused = dict.fromkeys(("steering", "tyres", "evaluate", "validate"), "refused")
     assert states(ended) == {"info": "done", **refused, "improve": "done"}
     improved = read(tmp_path / "out" / "improve.json")
     assert (improved["layers"], improved["effects"], improved["error"]["split_by"]) == ([], [], "none")
