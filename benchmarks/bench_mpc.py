@@ -166,7 +166,7 @@ def print_steps(name: str, timed: Timed, failures: int) -> None:
     verdict = "met" if p99 <= GOAL * 1e3 else "not met"
     print(
         f"{name:20s} {len(timed.processor):5d} {p50:7.2f} {p99:7.2f} {p99 / PERIOD / 10:7.1f} %"
-        f" {verdict:>8s} {wall50:9.2f} {wall99:7.2f} {failures:9d}"
+        f" {verdict:>9s} {wall50:8.2f} {wall99:7.2f} {failures:9d}"
     )
 
 
@@ -194,19 +194,17 @@ def main() -> None:
     versions = {"piqp": piqp, "osqp": osqp, "daqp": daqp}
     told = [f"{n} {getattr(m, '__version__', 'of unknown version')}" for n, m in versions.items()]
     print(", ".join(told), "\n")
-    print(f"{'':26s}{'step [ms]':>15s} {'p99 of':>9s} {'p99 below':>8s} {'wall [ms]':>16s} {'no'}")
-    print(
-        f"{'controller':20s} {'steps':>5s} {'p50':>7s} {'p99':>7s}   period     5 ms       p50     p99  solution"
-    )
+    print(f"{'':26s}{'step [ms]':>15s} {'p99 of':>9s} {'p99 below':>9s} {'wall [ms]':>16s} {'no':>9s}")
+    heads = ("steps", 5), ("p50", 7), ("p99", 7), ("period", 9), ("5 ms", 9), ("p50", 8), ("p99", 7)
+    print(f"{'controller':20s}", *(f"{head:>{width}s}" for head, width in heads), f"{'solution':>9s}")
     runs = {}
     for name in MAKERS:
         timed, programs, failures = driven(name, kind)
         runs[name] = programs
         print_steps(name, timed, failures)
     print(f"\n{'':40s}{'QP [ms]':>13s} {'p50 by':>9s} {'farthest':>9s} {'no':>9s}")
-    print(
-        f"{'programs of':20s} {'solver':18s} {'p50':>7s} {'p99':>7s} {'piqp':>8s} {'off':>9s} {'solution':>9s}"
-    )
+    columns = ("p50", 7), ("p99", 7), ("piqp", 8), ("off", 9), ("solution", 9)
+    print(f"{'programs of':20s} {'solver':18s}", *(f"{head:>{width}s}" for head, width in columns))
     for name, programs in runs.items():
         print_solvers(name, solvers(programs), programs)
 

@@ -158,11 +158,12 @@ class Mpc:
         time = float(targets.time(np.array([arc_length]))[0]) + situation.lateness
         if self.settings.domain == "space":
             state[0] = time
-        disturbance = self._believed(situation.disturbance)
+        disturbance = self._believed(situation.disturbance, targets, arc_length)
         return Outlook(time, arc_length, state, np.array(situation.previous), disturbance)
 
-    def _believed(self, disturbance: Array) -> Array:
-        """The estimate, its drifts no faster than ``slowness``."""
+    def _believed(self, disturbance: Array, targets: Targets, arc_length: float) -> Array:
+        """The estimate without what the goals know already, its drifts no faster than ``slowness``."""
+        disturbance = disturbance - targets.missing(np.array([arc_length]))[0]
         if self.settings.slowness == 0.0:
             return disturbance
         if self._drifts is None:

@@ -92,7 +92,9 @@ class Planner:
         grid = self._grid(outlook)
         arc_lengths = self._arc_lengths(grid, outlook, last)
         middles = 0.5 * (arc_lengths[:-1] + arc_lengths[1:])
-        goals = targets.at(np.append(arc_lengths, middles), outlook.disturbance)
+        points = np.append(arc_lengths, middles)
+        disturbance = outlook.disturbance + targets.missing(points)
+        goals = targets.at(points, disturbance)
         count = self.horizon + 1
         wanted = np.hstack([goals.states[:count], goals.controls[:count]])
         wanted[:, 0] = targets.time(grid) if self.domain == "space" else targets.arc_length(grid)
@@ -100,7 +102,7 @@ class Planner:
         course = self._course(grid, outlook, wanted, arc_lengths, last)
         steps = np.diff(grid)
         angle = course.states[:-1, self.prediction.index["steering_angle"]]
-        inputs = self.prediction.inputs(course.controls, goals.curvature[count:], angle, outlook.disturbance)
+        inputs = self.prediction.inputs(course.controls, goals.curvature[count:], angle, disturbance[count:])
         tracked_x = targets.reference.tracked_x
         stages = self.prediction.linearised(course.states[:-1], inputs, steps, tracked_x)
         return self._deviations(course, arc_lengths, wanted, augmented(stages.A, stages.B, stages.c), outlook)

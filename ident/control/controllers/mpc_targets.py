@@ -56,15 +56,34 @@ class Targets:
     def at(self, arc_length: Array, disturbance: Array) -> Goals:
         """Goals at (n,) arc lengths [m]; beyond the ends of the path its ends hold.
 
-        disturbance : (nd,) in the order of ``Prediction.disturbances``
+        disturbance : (nd,) or (n, nd) in the order of ``Prediction.disturbances``
         """
         states, curvature = self._of_the_reference(arc_length)
         states = self._at_rest(states, curvature, disturbance)
         place = self._prediction.index
         gain = self._prediction.truck.steering.gain
-        steering = states[:, place["steering_angle"]] / gain - disturbance[0]
-        drive = self._column("acceleration", arc_length) - disturbance[1]
+        steering = states[:, place["steering_angle"]] / gain - disturbance[..., 0]
+        drive = self._column("acceleration", arc_length) - disturbance[..., 1]
         return Goals(states, np.stack([steering, drive], axis=1), curvature)
+
+    def missing(self, arc_length: Array) -> Array:
+        """(n, nd) what the model lacks to stand still in the steady cornering of the reference.
+
+        Nothing for a model with tyres. A kinematic one knows neither slip nor understeer: the reference does,
+        and what it says is taken for known drifts.
+        """
+        place, names = self._prediction.index, self._prediction.disturbances
+        found = np.zeros((arc_length.size, len(names)))
+        if "yaw_rate" in place:
+            return found
+        states, curvature = self._of_the_reference(arc_length)
+        angle = states[:, place["steering_angle"]]
+        inputs = self._prediction.inputs(np.zeros((angle.size, 2)), curvature, angle, found)
+        rates, _, _ = self._prediction.jacobians(states, inputs, self.reference.tracked_x)
+        cosine = np.cos(states[:, place["heading_error"]])
+        found[:, names.index("drift")] = -rates[:, place["lateral_error"]] / cosine
+        found[:, names.index("turn_drift")] = -rates[:, place["heading_error"]]
+        return found
 
     def time(self, arc_length: Array) -> Array:
         """Stipulated time [s] at (n,) arc lengths; before and beyond the path the speed of its ends holds."""
