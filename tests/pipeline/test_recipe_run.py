@@ -126,13 +126,13 @@ def test_settings_of_one_stage_run_that_stage_and_those_that_use_it(fakes: dict[
     computed(fakes)
     recipe("tyres: {least_speed: 4 m/s}")
     assert "tyres: done, the settings changed" in go().summary
-    assert computed(fakes) == ["tyres", "evaluate"]
+    assert computed(fakes) == ["tyres", "evaluate", "validate"]
     recipe("tyres: {least_speed: 4 m/s}\nevaluate: {tolerance: 0.2}")
     assert "evaluate: done, the settings changed" in go().summary
     assert computed(fakes) == ["evaluate"]
     recipe("tyres: {least_speed: 4 m/s}\nevaluate: {tolerance: 0.2}\nimprove: {most_effects: 2}")
     assert "improve: done, the settings changed" in go().summary
-    assert computed(fakes) == ["improve"]
+    assert computed(fakes) == ["improve", "validate"]
     go(seed=7)
     assert computed(fakes) == list(STAGES)
 
@@ -411,3 +411,22 @@ def test_two_runs_at_once_on_one_folder_are_refused(fakes: dict[str, Fake]) -> N
     with locked(OUT), pytest.raises(UsageError, match="another run is writing to out"):
         go()
     assert computed(fakes) == []
+
+
+def test_the_validation_alone_takes_the_improvement_only_where_it_is_there(fakes: dict[str, Fake]) -> None:
+    run_stage("validate", [Path("logs")], RunOptions(out=OUT), lambda *_: None)
+    assert list(fakes["validate"].calls[0][1]) == ["steering", "tyres"]
+    assert computed(fakes) == ["steering", "tyres", "validate"]
+    assert "improve changed" in go().summary
+    assert list(fakes["validate"].calls[0][1]) == ["steering", "tyres", "improve"]
+
+
+def test_with_a_model_nothing_is_identified_and_no_logs_are_needed(fakes: dict[str, Fake]) -> None:
+    Path("other.yaml").write_text("schema: ident.model/1\n", encoding="utf-8")
+    options = RunOptions(out=OUT, model=Path("other.yaml"))
+    run_stage("validate", [], options, lambda *_: None)
+    assert computed(fakes) == ["validate"]
+    with pytest.raises(UsageError, match="ident validate without LOGS: name logs, or a model"):
+        run_stage("validate", [], RunOptions(out=OUT), lambda *_: None)
+    with pytest.raises(UsageError, match="ident tyres without LOGS"):
+        run_stage("tyres", [], options, lambda *_: None)
