@@ -35,15 +35,13 @@ MEASURES: dict[str, str] = {
     "steering_reversals": "1/s",
 }
 TIMED = {"solve_time_p99": "s"}
-RANKED = (
-    *("lateral_error_rms", "lateral_error_max", "lateral_error_settled", "arrival_time_error"),
-    *("braking_work", "lateral_jerk_rms", "steering_rate_rms"),
-)
+TRACKING = ("lateral_error_rms", "lateral_error_max", "lateral_error_settled")
+RANKED = (*TRACKING, "arrival_time_error", "braking_work", "lateral_jerk_rms", "steering_rate_rms")
 RANKING = (
-    "most runs completed within the lane first; then most scenarios and measures (of "
-    f"{', '.join(name.replace('_', ' ') for name in RANKED)}) in which no other is clearly better; then the "
-    "least median of the largest lateral error"
-)
+    "most runs completed within the lane first; then most scenarios and measures of tracking "
+    f"({', '.join(TRACKING)}) in which no other is clearly better; then the same of all of "
+    f"{', '.join(RANKED)}; then the least median of the largest lateral error"
+).replace("_", " ")
 DRAWS = 2000
 FEWEST = 3  # starts for an interval
 NEGLIGIBLE = 1e-9
@@ -118,11 +116,12 @@ def ranking(table: Sequence[Cell]) -> list[ControllerName]:
     """Controllers, the best first, by ``RANKING``."""
     names = list(dict.fromkeys(cell.controller for cell in table))
 
-    def order(name: ControllerName) -> tuple[float, float, float]:
+    def order(name: ControllerName) -> tuple[float, float, float, float]:
         own = [cell for cell in table if cell.controller == name]
-        best = sum(len(set(cell.best_in) & set(RANKED)) for cell in own)
+        best = [sum(len(set(cell.best_in) & set(of)) for cell in own) for of in (TRACKING, RANKED)]
         worst = [score.value for cell in own for score in cell.scores if score.measure == "lateral_error_max"]
-        return -sum(cell.completed for cell in own), -best, float(np.median(worst)) if worst else np.inf
+        completed = sum(cell.completed for cell in own)
+        return -completed, -best[0], -best[1], float(np.median(worst)) if worst else np.inf
 
     return sorted(names, key=order)
 
