@@ -1,4 +1,5 @@
-"""The names of signals, the same in channel maps, code, JSON and reports, with their SI units.
+"""The names of signals, the same in channel maps, code, JSON and reports, with their SI units;
+and what the controllers are called.
 
 Axes are those of ISO 8855: x forward, y left, z up; angles are counted counterclockwise from above.
 """
@@ -83,3 +84,20 @@ STEERING_PAIRS: dict[str, tuple[str, str]] = {
     "steering_wheel": ("steering_wheel_request", "steering_wheel_angle"),
     "road_wheel": ("road_wheel_request", "road_wheel_angle"),
 }
+
+CONTROLLERS: dict[str, str] = {
+    "pid": "PID",
+    "pure_pursuit": "pure pursuit",
+    "stanley": "Stanley",
+    "lqr": "LQR with feed-forward",
+    "mpc_time_kinematic": "MPC in time (kinematic)",
+    "mpc_time": "MPC in time (dynamic)",
+    "mpc_spatial": "spatial MPC",
+    "mpc_spatial_rate": "spatial MPC with rate limit",
+    "mpc_robust": "robust MPC (tube)",
+}
+
+
+def controller_name(name: str) -> str:
+    """Name a controller for a reader."""
+    return CONTROLLERS.get(name, name.replace("_", " "))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ident.glossary import controller_name
 from ident.report.numbers import NONE, count, listed, plain, significant
 from ident.report.refusals import by_reason
 from ident.report.validated import (
@@ -11,7 +12,6 @@ from ident.report.validated import (
     SHORT_SCENARIOS,
     cell_of,
     completed_text,
-    controller_name,
     controllers_of,
     is_best,
     lost_in,

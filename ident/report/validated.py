@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from ident.glossary import SIGNALS
+from ident.glossary import SIGNALS, controller_name
 from ident.report.evaluated import model_name
 from ident.report.improved import effect_name
 from ident.report.numbers import NONE, fixed, significant, unit_text
@@ -25,17 +25,6 @@ from ident.results.validate import (
     ValidateResult,
 )
 
-CONTROLLERS: dict[ControllerName, str] = {
-    "pid": "PID",
-    "pure_pursuit": "pure pursuit",
-    "stanley": "Stanley",
-    "lqr": "LQR, feed-forward",
-    "mpc_time_kinematic": "MPC time, kinematic",
-    "mpc_time": "MPC time, dynamic",
-    "mpc_spatial": "MPC spatial",
-    "mpc_spatial_rate": "MPC spatial, rates",
-    "mpc_robust": "MPC robust (tube)",
-}
 SCENARIOS: dict[ScenarioName, str] = {
     "single_lane_change": "single lane change",
     "double_lane_change": "double lane change (ISO 3888-1)",
@@ -164,11 +153,6 @@ def rounded(value: float, places: int) -> str:
     return (
         fixed(value, places) if value and math.isfinite(value) and abs(value) < 10.0 ** (2 - places) else text
     )
-
-
-def controller_name(name: str) -> str:
-    """Name a controller for a reader."""
-    return {str(key): text for key, text in CONTROLLERS.items()}.get(name, name.replace("_", " "))
 
 
 def scenario_name(name: str, run: str | None = None) -> str:

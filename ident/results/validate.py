@@ -172,13 +172,15 @@ class LoggedLevel:
 class Claim:
     """A statement of the source, examined: whether the runs support it, and the numbers.
 
-    difference : of a measure, the controller of the claim less each of ``against``, over the same starts
+    difference : of a measure, the controller of the claim less another, over the same starts
+    measures, against : of each difference, the name of its measure and the other controller
     """
 
     claim: str
     holds: Literal["yes", "no", "in part", "undecided"]
     evidence: str
     difference: list[Estimate] = field(default_factory=list)
+    measures: list[str] = field(default_factory=list)
     against: list[ControllerName] = field(default_factory=list)
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from ident.control.controllers.weights import weights_of
 from ident.errors import NotIdentifiable, UsageError
 from ident.results import (
     SCHEMA_VERSION,
@@ -31,7 +32,7 @@ from ident.stages.validate_cells import RANKING, cells, claims, ranking
 from ident.stages.validate_levels import Logged, compare, tables_of
 from ident.stages.validate_plan import Plan, chosen, plan
 from ident.stages.validate_settings import ValidateSettings
-from ident.stages.validate_setup import Setup, costs_of, set_up, subject_of, weights_of
+from ident.stages.validate_setup import Setup, costs_of, set_up, subject_of
 from ident.stages.validate_tables import course_table, horizon_table, opened, reference_table
 from ident.stages.validate_told import (
     LOST,
@@ -145,7 +146,7 @@ def _result(
         logged=logged.levels,
         reached=logged.reached,
         worst=worst_of(runs),
-        weights=weights_of(order),
+        weights={name: weights_of(name) for name in order},
         health=[run.health for run in loaded.runs],
         refused=refused,
         warnings=[*loaded.warnings, *setup.warnings, *_notes(table), *beyond_the_data(valid, runs)],

@@ -19,6 +19,7 @@ from ident.control.controllers.mpc_robust import mpc_robust
 from ident.control.disturbances import changed
 from ident.control.measures import Label, Limits, told
 from ident.control.plant import Plant
+from ident.control.prediction import KINEMATIC
 from ident.control.reference import Reference
 from ident.control.sensors import Sensors
 from ident.control.truck import Truck
@@ -32,6 +33,8 @@ from ident.stages.validate_stretch import LoggedStretch
 
 IDENTIFIED = "identified"  # simulated truck
 ROBUST = "mpc_robust"
+OWN_MODEL: dict[ControllerName, str] = {"mpc_time_kinematic": KINEMATIC}
+"""Controllers that predict with a model of their own, whatever the reference was made for."""
 TOGETHER = 4  # drives that a process takes at a time
 
 
@@ -169,7 +172,7 @@ class Driver:
         label = Label(
             asked.path.scenario,
             asked.path.speed,
-            asked.path.prediction,
+            OWN_MODEL.get(asked.controller, asked.path.prediction),
             bench.named[asked.simulation],
             asked.mismatch,
             asked.path.run,

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ident.glossary import controller_name
 from ident.results import Cell, Claim, ClosedLoopRun, ControllerName, Estimate, ScenarioName, Score
 
 Array = NDArray[np.float64]
@@ -134,7 +135,10 @@ def claims(runs: Sequence[ClosedLoopRun], seed: int) -> list[Claim]:
     others = [name for name in names if name not in SPATIAL]
     if own is None or not others:
         return []
-    made = [_claim(f"{_told(own)} {text}", measure, own, others, side_by_side) for text, measure in CLAIMS]
+    made = [
+        _claim(f"{controller_name(own)} {text}", measure, own, others, side_by_side)
+        for text, measure in CLAIMS
+    ]
     return [*made, _lqr(side_by_side, own)] if "lqr" in names else made
 
 
@@ -205,7 +209,14 @@ def _claim(
     gaps = [side.difference(measure, own, other) for other in others]
     less = [name for name, gap in zip(others, gaps, strict=True) if gap.high is not None and gap.high < 0]
     more = [name for name, gap in zip(others, gaps, strict=True) if gap.low is not None and gap.low > 0]
-    return Claim(text, _holds(less, more, others), _evidence(measure, less, more, others), gaps, list(others))
+    return Claim(
+        text,
+        _holds(less, more, others),
+        _evidence(measure, less, more, others),
+        gaps,
+        [measure] * len(gaps),
+        list(others),
+    )
 
 
 def _holds(
@@ -221,7 +232,7 @@ def _holds(
 def _evidence(measure: str, less: Sequence[str], more: Sequence[str], others: Sequence[str]) -> str:
     rest = [name for name in others if name not in less and name not in more]
     parts = [
-        f"{word} {', '.join(map(_told, names))}"
+        f"{word} {', '.join(map(controller_name, names))}"
         for word, names in (("less than", less), ("more than", more), ("not told from", rest))
         if names
     ]
@@ -242,8 +253,5 @@ def _lqr(side: Compared, own: ControllerName) -> Claim:
     )
     evidence = "; ".join(parts) or "no measure tells the two apart"
     gaps = [side.difference(measure, "lqr", own) for measure in RANKED]
-    return Claim(f"lqr with feed-forward does better than {_told(own)}", holds, evidence, gaps)
-
-
-def _told(name: str) -> str:
-    return name.replace("_", " ")
+    text = f"{controller_name('lqr')} does better than {controller_name(own)}"
+    return Claim(text, holds, evidence, gaps, list(RANKED), [own] * len(gaps))

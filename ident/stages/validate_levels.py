@@ -10,6 +10,7 @@ import pandas as pd
 
 from ident.control.reference import Reference
 from ident.errors import NotIdentifiable
+from ident.glossary import controller_name
 from ident.results import LoggedLevel, Refusal
 from ident.signals.run import LoadedLogs
 from ident.stages.inputs import InputSettings
@@ -57,7 +58,7 @@ class Logged:
                 nearest = min(own, key=lambda one: one.shadow.share)
                 why = (
                     "no controller asks for what the logged one asked for: the nearest is "
-                    f"{nearest.beside.controller.replace('_', ' ')}, {100 * nearest.shadow.share:.0f} % off"
+                    f"{controller_name(nearest.beside.controller)}, {100 * nearest.shadow.share:.0f} % off"
                 )
                 levels.append(LoggedLevel(stretch.run, 3, None, {}, {}, reason=why))
         return replace(self, levels=sorted(levels, key=lambda one: (one.run, one.level)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from ident.control.closed_loop import Disturbance
-from ident.control.controllers.weights import ACCEPTABLE
 from ident.control.disturbances import monte_carlo, one_at_a_time
 from ident.control.draws import draw
 from ident.control.plant import Plant
@@ -189,11 +188,6 @@ def _references(
                     what = f"{name} at {3.6 * speed:.0f} km/h, {prediction}"
                     refused[what] = Refusal(what, str(error))
     return made, list(refused.values())
-
-
-def weights_of(controllers: Sequence[str]) -> dict[str, dict[str, float]]:
-    """Acceptable deviations by which each controller is weighted."""
-    return {name: dict(ACCEPTABLE) for name in controllers}
 
 
 def costs_of(bench: Bench) -> dict[str, float]:

@@ -7,6 +7,7 @@ from itertools import groupby
 
 import numpy as np
 
+from ident.glossary import controller_name
 from ident.model_file import ValidRange
 from ident.results import (
     Cell,
@@ -127,7 +128,7 @@ def verdict(
     if completed == 0:
         return f"no controller holds the lane at {at} km/h on the {_plain(model)} model: every run left it"
     worst = _worst(own)
-    told = f"{_plain(first)} holds {completed} of {runs} disturbed starts at {at} km/h"
+    told = f"{controller_name(first)} holds {completed} of {runs} disturbed starts at {at} km/h"
     told += f", largest lateral error {worst:.2f} m (median start of its worst scenario)"
     lost = sorted(
         {_size(curve, size) for curve in curves if curve.controller == first for size in _losing(curve)}

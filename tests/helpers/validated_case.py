@@ -343,6 +343,7 @@ def claims():
             "in part",
             "smoother than PID and Stanley in 4 of 4 scenarios; LQR with feed-forward is smoother still",
             [known(-0.0124, 0.002, "rad/s"), known(0.0041, 0.0011, "rad/s")],
+            ["steering_rate_rms"] * 2,
             ["pid", "lqr"],
         ),
         Claim(

@@ -69,7 +69,7 @@ def test_the_first_table_is_scenario_by_controller_best_first(page, result):
     assert [column.head for column in table.columns] == [
         *("controller", "single lane change", "ISO 3888-1", "double, scaled", "slalom", "step p99 [ms]")
     ]
-    assert [row[0].text for row in table.cells()][:2] == ["1. LQR, feed-forward", "2. MPC spatial"]
+    assert [row[0].text for row in table.cells()][:2] == ["1. LQR with feed-forward", "2. spatial MPC"]
     stanley = next(row for row in table.cells() if row[0].text.endswith("Stanley"))
     assert (stanley[2].text, stanley[2].tone, stanley[2].detail) == (
         "✗\u00a0lost",
@@ -134,9 +134,10 @@ def test_claims_are_told_with_evidence_and_each_difference_with_whom(page):
     claims, differences = of(section(page, "claims"), Table)
     assert [row[0].text for row in claims.cells()] == ["in part", "holds", "does not hold", "undecided"]
     assert all(row[2].text for row in claims.cells())
-    assert entries(differences, 0)[1:5] == ["PID", "−12.4", "−16.3 … −8.5", "mrad/s"]
-    assert entries(differences, 1)[1] == "LQR, feed-forward"
-    assert entries(differences, 2)[1] == "–"
+    effort = "steering effort, RMS rate"
+    assert entries(differences, 0)[1:6] == [effort, "PID", "−12.4", "−16.3 … −8.5", "mrad/s"]
+    assert entries(differences, 1)[1:3] == [effort, "LQR with feed-forward"]
+    assert entries(differences, 2)[1:3] == ["–", "–"]
 
 
 def test_the_worst_run_is_drawn_in_its_lane_with_horizons_and_signals(page, result):

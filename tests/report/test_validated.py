@@ -1,4 +1,5 @@
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pandas as pd
@@ -7,9 +8,10 @@ import validated_case as validation
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ident.glossary import CONTROLLERS, controller_name
 from ident.report import validated, validated_runs
 from ident.report.validate_summary import describe_validate
-from ident.results.validate import Cell, Claim, Score
+from ident.results.validate import Cell, Claim, ControllerName, Score
 
 
 @pytest.fixture(scope="module")
@@ -23,15 +25,18 @@ def tables():
 
 
 def test_every_controller_and_scenario_of_the_contract_has_a_name_and_a_style():
-    for name in validated.CONTROLLERS:
-        assert validated.controller_name(name) != name
+    names = get_args(ControllerName)
+    assert list(CONTROLLERS) == list(names)
+    assert len(set(CONTROLLERS.values())) == len(names)
+    for name in names:
+        assert controller_name(name) != name
         assert validated.style_of(name) == validated.STYLES[name]
     assert list(validated.SHORT_SCENARIOS) == list(validated.SCENARIOS)
-    assert len(set(validated.STYLES.values())) == len(validated.CONTROLLERS)
+    assert len(set(validated.STYLES.values())) == len(names)
 
 
 def test_what_is_not_known_keeps_its_own_name():
-    assert validated.controller_name("my_law") == "my law"
+    assert controller_name("my_law") == "my law"
     assert validated.scenario_name("u_turn") == "u turn"
     assert validated.mismatch_name("front.stiffness") == "front, stiffness"
     assert validated.style_of("my_law") == ("muted", "dot")
@@ -240,11 +245,11 @@ def test_a_level_without_its_own_log_rows_takes_those_of_another(tables):
 def test_the_terminal_tells_verdict_table_worst_claims_levels_and_what_next(result):
     lines = describe_validate(result).splitlines()
     assert lines[0] == result.verdict
-    (best,) = [line for line in lines if line.startswith("  MPC spatial ")]
+    (best,) = [line for line in lines if line.startswith("  spatial MPC  ")]
     assert best.split()[2:4] == ["*", "0.112"]
     stanley = next(line for line in lines if line.startswith("  Stanley"))
     assert "✗ all 5 lost" in stanley
-    robust = next(line for line in lines if line.startswith("  MPC robust"))
+    robust = next(line for line in lines if line.startswith("  robust MPC"))
     assert "(✗ 1 of 5 lost)" in robust
     assert robust.endswith("✗ 99")
     assert "with tyre relaxation, actuator rate limit: PID loses the margin" in lines

@@ -13,6 +13,7 @@ import pytest
 from validate_case import MODEL, write_model
 
 from ident.errors import NotIdentifiable, UsageError
+from ident.glossary import controller_name
 from ident.pipeline.store import result_text
 from ident.results import ValidateResult
 from ident.stages.inputs import InputSettings
@@ -62,7 +63,9 @@ def test_every_controller_drives_every_start_and_is_ranked(answered: StageOutput
         ("stanley", 3, 3),
     ]
     assert sorted(result.ranking) == ["lqr", "stanley"]
-    assert result.verdict.startswith(f"{result.ranking[0]} holds 3 of 3 disturbed starts at 54 km/h")
+    assert result.verdict.startswith(
+        f"{controller_name(result.ranking[0])} holds 3 of 3 disturbed starts at 54 km/h"
+    )
     assert (result.reached, result.logged, result.pairs, result.margins) == (None, [], [], [])
 
 
@@ -137,6 +140,15 @@ def test_found_effects_are_in_the_simulated_truck_alone(tmp_path: Path) -> None:
     assert margin.effects == ["steering_column_play"]
     assert margin.lateral_error_max_with != margin.lateral_error_max_without
     assert {run.simulation_model for run in result.runs} == {"linear"}
+
+
+def test_a_kinematic_prediction_is_told_and_each_controller_with_its_weights(tmp_path: Path) -> None:
+    names = ["lqr", "mpc_time_kinematic"]
+    result = go(write_model(tmp_path), controllers=names, mismatch={}, starts=1).result
+    told = {run.controller: (run.prediction_model, run.simulation_model) for run in result.runs}
+    assert told == {"lqr": ("linear", "linear"), "mpc_time_kinematic": ("kinematic", "linear")}
+    assert "steering_request" in result.weights["lqr"]
+    assert "steering_request" not in result.weights["mpc_time_kinematic"]
 
 
 def test_models_drive_each_other(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from ident.results import ClosedLoopRun, ControllerName
 from ident.stages.validate_cells import cells, claims, compared, ranking
@@ -56,9 +57,12 @@ def test_a_claim_holds_against_all_or_in_part_or_not() -> None:
     spatial = runs_of("mpc_spatial", lateral_jerk_rms=0.0, steering_rate_rms=0.2, braking_work=0.5)
     first = runs_of("lqr", lateral_jerk_rms=0.3, steering_rate_rms=0.1, braking_work=0.1)
     second = runs_of("pid", lateral_jerk_rms=0.2, steering_rate_rms=0.4, braking_work=0.1)
-    found = {one.claim.partition(" spatial ")[2]: one for one in claims([*spatial, *first, *second], seed=1)}
+    found = {
+        one.claim.partition("spatial MPC ")[2]: one for one in claims([*spatial, *first, *second], seed=1)
+    }
     smooth = found["turns smoothly: least lateral jerk"]
     assert (smooth.holds, smooth.against) == ("yes", ["lqr", "pid"])
+    assert smooth.measures == ["lateral_jerk_rms"] * 2
     assert [round(one.value or 0.0, 9) for one in smooth.difference] == [-0.3, -0.2]
     assert found["steers smoothly: least steering rate"].holds == "in part"
     assert found["brakes least"].holds == "no"
@@ -67,6 +71,8 @@ def test_a_claim_holds_against_all_or_in_part_or_not() -> None:
 
 def test_where_lqr_does_better_it_is_said() -> None:
     made = claims([*runs_of("mpc_spatial", braking_work=0.5), *runs_of("lqr", lateral_jerk_rms=0.4)], seed=1)
-    assert made[-1].claim == "lqr with feed-forward does better than mpc spatial"
+    assert made[-1].claim == "LQR with feed-forward does better than spatial MPC"
     assert made[-1].holds == "in part"
     assert made[-1].evidence == "clearly better in braking work; clearly worse in lateral jerk rms"
+    told = dict(zip(made[-1].measures, made[-1].difference, strict=True))
+    assert told["braking_work"].value == pytest.approx(-5.0)  # of nothing less that of the median start

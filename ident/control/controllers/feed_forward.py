@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.control.controllers.mpc_targets import Targets
+from ident.control.controllers.targets import Targets
 from ident.control.linear import Schedule, held_step, regulator
 
 Array = NDArray[np.float64]

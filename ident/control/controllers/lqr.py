@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ident.control.controllers.base import Base
 from ident.control.controllers.controller import Command, Diagnostics, Measured
 from ident.control.controllers.feed_forward import Course, Regulator, Scheduled, course_along, regulator_at
-from ident.control.controllers.mpc_targets import Targets
+from ident.control.controllers.targets import Targets
 from ident.control.controllers.weights import ACCEPTABLE, weight
 from ident.control.estimator import SPEEDS
 from ident.control.prediction import Prediction

@@ -30,8 +30,8 @@ from ident.control.controllers.base import Base, Situation
 from ident.control.controllers.controller import Command, Diagnostics, Measured
 from ident.control.controllers.mpc_model import REQUESTS, Terminal, Weights, terminal
 from ident.control.controllers.mpc_plan import Ahead, Course, Outlook, Planner
-from ident.control.controllers.mpc_targets import Targets
 from ident.control.controllers.mpc_tubes import Tubes
+from ident.control.controllers.targets import Targets
 from ident.control.controllers.weights import ACCEPTABLE
 from ident.control.prediction import Domain, Prediction
 from ident.control.qp import Layout, QuadraticProgram, Solver, StagedProgram, Stages

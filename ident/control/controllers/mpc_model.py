@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.control.controllers.weights import weight
+from ident.control.controllers.weights import ACCEPTABLE, weight
 from ident.control.linear import Schedule, regulator
 from ident.control.prediction import CONTROLS, Prediction
 
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 SPEEDS = np.arange(1.0, 36.0, 2.0)  # [m/s] for which the terminal cost is made
 REQUESTS = 2
-CHANGES = {"steering_request_rate": 0.5, "acceleration_request_rate": 2.0}  # [rad/s], [m/s³] where not told
+ALWAYS = ("steering_request_rate", "acceleration_request_rate")  # weighed as in ``weights`` where not told
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Weights:
 
     def __init__(self, prediction: Prediction, acceptable: Mapping[str, float]) -> None:
         self._prediction = prediction
-        self._acceptable = {**CHANGES, **acceptable}
+        self._acceptable = {name: ACCEPTABLE[name] for name in ALWAYS} | dict(acceptable)
         self._slope = abs(prediction.mean_ratio)
 
     def of_states(self, speed: float, duration: float) -> Array:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.control.controllers.mpc_model import Augmented, augmented
-from ident.control.controllers.mpc_targets import Targets
+from ident.control.controllers.targets import Targets
 from ident.control.prediction import Domain, Prediction
 
 Array = NDArray[np.float64]

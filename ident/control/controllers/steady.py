@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ident.control.controllers.base import Base, Situation
 from ident.control.controllers.controller import Command, Diagnostics, Measured
-from ident.control.controllers.mpc_targets import Goals, Targets
+from ident.control.controllers.targets import Goals, Targets
 from ident.control.estimator import SPEEDS
 from ident.control.linear import Schedule
 from ident.control.prediction import Prediction

@@ -29,7 +29,16 @@ ACCEPTABLE: Mapping[str, float] = {
     "longitudinal_velocity": 1.0,  # [m/s]
     "time": 0.5,  # [s]
     "acceleration_request": 1.0,  # [m/s²]
+    "acceleration_request_rate": 2.0,  # [m/s³]
 }
+
+OF_LQR = ("lateral_error", "heading_error", "steering_rate", "steering_request")
+"""What the LQR weighs: its speed is held beside it."""
+OF_MPC = (
+    *("lateral_error", "heading_error", "steering_rate", "steering_request_rate"),
+    *("longitudinal_velocity", "time", "acceleration_request", "acceleration_request_rate"),
+)
+"""What a predictive controller weighs: how the steering request changes, not how far it is from a goal."""
 
 
 def weight(acceptable: Mapping[str, float], name: str) -> float:
@@ -61,9 +70,10 @@ WEIGHTS: Mapping[str, Mapping[str, float]] = {
     "pid": PID_GAINS,
     "pure_pursuit": PURE_PURSUIT_GAINS,
     "stanley": STANLEY_GAINS,
+    "lqr": {name: ACCEPTABLE[name] for name in OF_LQR},
 }
 
 
 def weights_of(controller: str) -> dict[str, float]:
-    """What a controller is made with: gains of its own, or the acceptable deviations."""
-    return dict(WEIGHTS.get(controller, ACCEPTABLE))
+    """What a controller is made with: gains of its own, or those acceptable deviations that it weighs."""
+    return dict(WEIGHTS.get(controller) or {name: ACCEPTABLE[name] for name in OF_MPC})

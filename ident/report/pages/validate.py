@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from ident.glossary import controller_name
 from ident.report.numbers import NONE, fixed, shorten, significant
 from ident.report.page import (
     Block,
@@ -28,7 +29,6 @@ from ident.report.pages import validate_tables as tables_of
 from ident.report.pages.steering import refusals
 from ident.report.validated import (
     by_claim,
-    controller_name,
     controllers_of,
     reached_text,
     run_title,

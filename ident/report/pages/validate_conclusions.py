@@ -4,19 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ident.glossary import controller_name
 from ident.report.numbers import NONE, estimate_interval, estimate_value, shorten, significant, unit_text
 from ident.report.page import Block, Column, Table, Text, Tone
 from ident.report.page import Cell as Entry
 from ident.report.pages.validate_tables import share_entry
 from ident.report.tyre_parameters import displayed
-from ident.report.validated import (
-    HOLDS,
-    LEVELS,
-    controller_name,
-    level_unit,
-    levels_by_run,
-    scenario_name,
-)
+from ident.report.validated import HOLDS, LEVELS, level_unit, levels_by_run, measure_of, scenario_name
 from ident.results import Estimate
 from ident.results.validate import Claim, LoggedLevel, MarginLoss
 
@@ -40,14 +34,15 @@ def claims(found: Sequence[Claim]) -> Block:
 def differences(found: Sequence[Claim]) -> Table | None:
     """Give every difference behind the claims with its interval, None where there is none."""
     rows = [
-        [Entry(one.claim), Entry(against), *_difference(estimate)]
+        [Entry(one.claim), Entry(measure), Entry(against), *_difference(estimate)]
         for one in found
-        for against, estimate in zip(_against(one), one.difference, strict=True)
+        for measure, against, estimate in zip(_measures(one), _against(one), one.difference, strict=True)
     ]
     if not rows:
         return None
     columns = [
         Column("claim", wrap=True),
+        Column("measure"),
         Column("against"),
         Column("difference", "number"),
         Column("95 % interval", "number"),
@@ -55,6 +50,12 @@ def differences(found: Sequence[Claim]) -> Table | None:
     ]
     notes = ["the controller of the claim less the other, median over the same starts; below zero: less"]
     return Table(columns, rows, notes=notes, download="validate_differences.csv", scroll=len(rows) > 16)
+
+
+def _measures(one: Claim) -> list[str]:
+    """Name the measure of each difference of a claim, a dash where that is not told."""
+    told = [measure_of(name).name for name in one.measures]
+    return told if len(told) == len(one.difference) else [NONE] * len(one.difference)
 
 
 def _against(one: Claim) -> list[str]:

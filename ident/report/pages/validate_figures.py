@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ident.glossary import controller_name
 from ident.report import figures
 from ident.report.condense import Array
 from ident.report.numbers import significant, with_unit
@@ -16,7 +17,6 @@ from ident.report.palette import LIGHT
 from ident.report.validated import (
     SHORT_SCENARIOS,
     cell_of,
-    controller_name,
     controllers_of,
     lost_share,
     measure_of,

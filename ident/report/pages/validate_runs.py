@@ -9,22 +9,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ident.glossary import CONTROLLERS, controller_name
 from ident.report import figures
 from ident.report.condense import Array, Line
 from ident.report.improved import column
 from ident.report.page import Figure
 from ident.report.pages.validate_figures import broken_above, with_legend_below
 from ident.report.palette import LIGHT
-from ident.report.validated import (
-    CONTROLLERS,
-    LEVELS,
-    controller_name,
-    controllers_of,
-    level_unit,
-    run_title,
-    scenario_name,
-    style_of,
-)
+from ident.report.validated import LEVELS, controllers_of, level_unit, run_title, scenario_name, style_of
 from ident.report.validated_runs import (
     Path,
     Start,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ident.glossary import controller_name
 from ident.report.numbers import (
     NONE,
     count,
@@ -22,7 +23,6 @@ from ident.report.validated import (
     SHORT_SCENARIOS,
     cell_of,
     completed_text,
-    controller_name,
     controllers_of,
     disturbance_text,
     is_best,

@@ -9,6 +9,7 @@ import pandas as pd
 import rerun as rr
 import rerun.blueprint as rrb
 
+from ident.glossary import controller_name
 from ident.report.condense import Array, Line
 from ident.report.numbers import fixed, plain, shorten
 from ident.report.outline import Outline, outline_from
@@ -16,7 +17,7 @@ from ident.report.palette import DARK
 from ident.report.recording.motion import log_trucks, maps, send_trucks
 from ident.report.recording.parts import MOST_TABS, TIMELINE, Part, log_style, origin, rgb, send, series
 from ident.report.validate_summary import describe_validate
-from ident.report.validated import controller_name, run_title, scenario_name
+from ident.report.validated import run_title, scenario_name
 from ident.report.validated_runs import (
     Path,
     horizons,
