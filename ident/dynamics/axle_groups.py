@@ -1,4 +1,4 @@
-"""Axles that stand close together and share their load: a single axle, a tandem, a tridem, one that is lifted.
+"""Axles that stand close together and share their load: single, tandem, tridem, one of them lifted.
 
 The group stands where the bicycle has its axle: its middle is l_f before or l_r behind the centre of gravity
 (CG), its axles are a spacing s apart, the foremost first. All of them bear the same load, as axles on one
