@@ -128,7 +128,7 @@ class Estimator:
 
     def __init__(self, prediction: Prediction, period: float) -> None:
         self.prediction = prediction
-        self._gains, self._fastest = _design(prediction, period)
+        self._gains, self._fastest = design(prediction, period)
         self.reset()
 
     def reset(self) -> None:
@@ -219,8 +219,8 @@ class Estimator:
         self.disturbance = self.disturbance + correction[count:]
 
 
-def _design(prediction: Prediction, period: float) -> tuple[Schedule, Schedule]:
-    """Gains and the fastest eigenvalue of a truck, made once a process."""
+def design(prediction: Prediction, period: float) -> tuple[Schedule, Schedule]:
+    """Gains (nx - 1 + nd, nx - 1), and the fastest eigenvalue [1/s], against speed; made once a process."""
     key = (prediction.engine.name, prediction.parameters(0.0).tobytes(), prediction.mean_ratio, period)
     if key not in _designs:
         _designs[key] = _designed(prediction, period)

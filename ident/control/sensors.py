@@ -14,6 +14,7 @@ from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from ident.control.controllers.controller import Measured
 from ident.errors import BadRecipe
@@ -30,6 +31,7 @@ CALLED = {  # names in logs -> in ``Measured``
     "steering_wheel_rate": "steering_rate",
 }
 NOT_SEEN = ("lateral_acceleration", "roll_angle", "roll_rate")  # no controller of the bench reads them
+COLOUR = 0.2  # [s] in which the noise of a sensor has forgotten its past; what lasts longer a model lacks
 RUN_IN = 50  # samples before the first that is used, in units of the order of the autoregression
 
 
@@ -77,6 +79,19 @@ def noise_of(noise: Mapping[str, SignalNoise]) -> dict[str, SignalNoise]:
     """The noise of a model file by the names of ``Measured``; what no controller sees is left out."""
     named = {seen(name): one for name, one in noise.items()}
     return {name: one for name, one in named.items() if name is not None}
+
+
+def std_within(noise: SignalNoise, seconds: float) -> float:
+    """Standard deviation of what a noise does within so many seconds that its past does not tell.
+
+    Of a noise of a sensor that is all of it after a few correlation times; of a residual that holds what a
+    model lacks, what is slower is left out.
+    """
+    if not noise.ar or noise.sample_period is None:
+        return noise.std
+    samples = max(1, round(seconds / noise.sample_period))
+    answer = lfilter([1.0], [1.0, *(-a for a in noise.ar)], np.eye(1, samples)[0])
+    return noise.std * float(np.sqrt(np.sum(answer**2)))
 
 
 class NoiseSource:

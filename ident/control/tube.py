@@ -10,14 +10,13 @@ nominal system with b - h_F(η) holds for every disturbed one (Mayne, Seron and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ident.control.linear import spectral_radius
-from ident.model_file import SignalNoise
 
 Array = NDArray[np.float64]
 
@@ -25,6 +24,14 @@ ALPHA = 0.05  # the set is at most this much larger than the smallest, give or t
 MOST_POWERS = 2000
 WIDENED = 1e-3  # of what a state can reach, by which W is widened where no disturbance enters
 SIGMAS = 3.0  # of the residuals, taken as their bound
+RESIDUAL_OF = {
+    "lateral_velocity": ("lateral_velocity",),
+    "yaw_rate": ("yaw_rate",),
+    "lateral_error": ("position_across", "position_y"),
+    "heading_error": ("heading",),
+    "steering_angle": ("steering_wheel_angle", "road_wheel_angle"),
+}
+"""State -> signals of a log whose residual is that of the state's sensor; the first that is known counts."""
 
 
 @dataclass(frozen=True)
@@ -93,37 +100,24 @@ def _widened(closed: Array, bounds: Array) -> Array:
     return np.maximum(bounds, WIDENED * reached)
 
 
-def bounds_of_residuals(noise: Mapping[str, SignalNoise], period: float) -> dict[str, float]:
-    """What the residuals of a fitted model say of the error of one period's prediction, by state.
+def bounds_of_corrections(noise: Mapping[str, float], names: Sequence[str], gain: Array) -> dict[str, float]:
+    """Bound the error of one period's prediction by what an estimator corrects, by state.
+
+        w_i = (L ν)_i,   w̄_i = SIGMAS (Σ_j (L_ij σ_j)²)^½
+
+    with ν what was measured less what was predicted, and σ its size by the residuals of the identified model:
+    noise of the sensors, and what the model misses while they are listened to.
 
     Parameters
     ----------
-    noise : signal -> its identified noise, as in ``model.yaml``
-    period : of the controller [s]
+    noise : signal of a log -> σ, in its SI unit
+    names : of the states, in the order of ``gain``; each is measured
+    gain : (n, n) L of the states
 
     Returns
     -------
-    state -> bound of its disturbance in one period, in the state's unit: ``SIGMAS`` times the innovations
-    that add up in a period; a residual of the lateral acceleration is one of the lateral velocity's rate.
-    States of signals without an identified noise are not in it.
-
-    Notes
-    -----
-    The residuals hold the noise of the sensors too, so the bound is on the safe side.
+    state -> bound, of the states of which σ is known
     """
-    signals = {
-        "yaw_rate": "yaw_rate",
-        "lateral_velocity": "lateral_velocity",
-        "heading_error": "heading",
-        "steering_angle": "steering_wheel_angle",
-    }
-    found = {s: _within(noise[name], period) for s, name in signals.items() if name in noise}
-    if "lateral_velocity" not in found and "lateral_acceleration" in noise:
-        found["lateral_velocity"] = SIGMAS * noise["lateral_acceleration"].std * period
-    return found
-
-
-def _within(noise: SignalNoise, period: float) -> float:
-    """Innovations of one period, independent from sample to sample."""
-    samples = period / noise.sample_period if noise.sample_period else 1.0
-    return SIGMAS * noise.std * float(np.sqrt(max(samples, 1.0)))
+    sizes = np.array([next((noise[o] for o in RESIDUAL_OF.get(n, ()) if o in noise), 0.0) for n in names])
+    found = SIGMAS * np.sqrt(np.sum((gain * sizes) ** 2, axis=1))
+    return {name: float(bound) for name, bound, size in zip(names, found, sizes, strict=True) if size > 0}

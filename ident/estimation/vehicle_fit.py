@@ -251,6 +251,21 @@ def identify_noise(
     return made, frozenset(capped)
 
 
+def noise_of_residuals(point: VehiclePoint, floor: Mapping[str, float]) -> dict[str, NoiseModel]:
+    """What is left of each compared signal as an autoregression of whatever colour.
+
+    Of a fit with something left that is no noise, the innovations still are that of the sensor: what the
+    model lacks changes little from sample to sample, and stands in the slow poles.
+    """
+    made = {}
+    for name in point.residuals:
+        parts = point.linearised(name)
+        shape = fit_autoregression(parts)
+        std = max(_innovation_std(parts, shape), floor.get(name, 0.0) / shape.total_over_innovations(), TINY)
+        made[name] = NoiseModel(shape, std)
+    return made
+
+
 def _shortened(shape: AutoRegression, period: float) -> AutoRegression:
     """Draw the poles in until the slowest decays in LONGEST_NOISE."""
     factor = np.exp(-period / LONGEST_NOISE) / shape.largest_pole()

@@ -19,7 +19,7 @@ from ident.estimation.noise import AutoRegression
 from ident.estimation.tyre_estimates import Uncertainty, tyre_fit, uncertainty
 from ident.estimation.tyre_fit import AXLES, SENSOR_BIAS, KindFit, criteria, fit_tyres
 from ident.estimation.tyre_start import tyre_starts
-from ident.estimation.vehicle_fit import RunAgreement, run_agreement
+from ident.estimation.vehicle_fit import RunAgreement, noise_of_residuals, run_agreement
 from ident.estimation.vehicle_problem import ACROSS, ALONG, POSITION
 from ident.glossary import SIGNALS
 from ident.results import (
@@ -203,7 +203,7 @@ def _result(
         characteristic_speed=own.characteristic_speed,
         nuisance=nuisance(data, found, known.covariance),
         fixed=fixed_values(data),
-        noise=_noise(found),
+        noise=_noise(found, data.floor),
         by_run=_by_run(data, found, agreement),
         agreement_p=min(1.0, min(one.p for one in agreement) * len(agreement))
         if len(agreement) > 1
@@ -293,17 +293,18 @@ def _disagreeing(data: TyreData, found: KindFit, agreement: Sequence[RunAgreemen
     return told
 
 
-def _noise(found: KindFit) -> dict[str, ResidualNoise]:
+def _noise(found: KindFit, floor: Mapping[str, float]) -> dict[str, ResidualNoise]:
+    """Noise of each signal; where something is left that is none, the weights of the fit are not its size."""
     made = {}
     fit = found.fit
+    noises = noise_of_residuals(fit.point, floor) if fit.is_coloured else fit.point.noise
     for name, one in fit.point.residuals.items():
-        noise = fit.point.noise[name]
+        noise = noises[name]
         shape = noise.shape
         coefficients = shape.coefficients.tolist() if isinstance(shape, AutoRegression) else []
+        total = float(np.sqrt(np.mean(one.residual**2))) if fit.is_coloured else noise.total_std
         slow = name in fit.slow
-        made[name] = ResidualNoise(
-            UNITS[name], noise.std, noise.total_std, coefficients, one.samples.period, slow
-        )
+        made[name] = ResidualNoise(UNITS[name], noise.std, total, coefficients, one.samples.period, slow)
     return made
 
 

@@ -23,9 +23,7 @@ from ident.control.prediction import KINEMATIC
 from ident.control.reference import Reference
 from ident.control.sensors import Sensors
 from ident.control.truck import Truck
-from ident.control.tube import bounds_of_residuals
 from ident.errors import BadRecipe, NotIdentifiable
-from ident.model_file import SignalNoise
 from ident.results import ClosedLoopRun, ControllerName, LoggedLevel, ScenarioName
 from ident.stages.output import Progress
 from ident.stages.validate_shadow import Shadow, closed, closed_level, shadow
@@ -121,7 +119,7 @@ class Bench:
     simulated : name -> truck, whose model ``ClosedLoopRun.simulation_model`` tells
     named : name of a simulated truck -> what its model is called
     references : path -> reference
-    sensors : of the simulated trucks; noise : as the model file has it, for the tube
+    sensors : of the simulated trucks; noise : signal of a log -> size of its residual, for the tube
     """
 
     period: float
@@ -132,7 +130,7 @@ class Bench:
     named: Mapping[str, str]
     references: Mapping[Path, Reference]
     sensors: Sensors
-    noise: Mapping[str, SignalNoise]
+    noise: Mapping[str, float]
     seed: int
 
 
@@ -203,7 +201,7 @@ class Driver:
         """A controller; the set of the robust one comes from the residuals, where they leave room."""
         period = self.bench.period
         if name == ROBUST and self._no_room is None:
-            return mpc_robust(truck, period, bounds=bounds_of_residuals(self.bench.noise, period))
+            return mpc_robust(truck, period, noise=self.bench.noise)
         return CONTROLLERS[name](truck, period)
 
 

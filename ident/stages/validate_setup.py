@@ -141,7 +141,7 @@ def set_up(subject: Subject, settings: ValidateSettings, tyres: TyresResult | No
         named=named,
         references=references,
         sensors=Sensors(noise_of({name: sensor_noise(one) for name, one in subject.model.noise.items()})),
-        noise=subject.model.noise,
+        noise=truck.noise,
         seed=seed,
     )
     driveable = {path.prediction for path in references if path.scenario == kept[0]}

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
+from ident.control.sensors import COLOUR, std_within
 from ident.control.truck import SteeringActuator, Truck
 from ident.dynamics.tyres import TYRES
 from ident.errors import NotIdentifiable
@@ -32,7 +32,6 @@ OF_ACTUATOR = {
 """Effect of the actuator -> its size, and the field of ``SteeringActuator`` that holds it."""
 OFFSET = "steering_offset"
 NUISANCE = (OFFSET, "road_bank")
-COLOUR = 0.2  # [s] of a noise that is one of a sensor
 LONG = 20.0  # [s]
 SAME = 1.1
 
@@ -112,23 +111,14 @@ def believed(model: Model, source: str, *, found: bool = False) -> Believed:
     tracked = -body["cg_to_rear_axle"] if model.reference_point == "rear_axle" else 0.0
     truck = Truck(tyres.kind, parameters, actuator)
     offset = next((one.parameters["angle"].value for one in model.effects if one.name == OFFSET), None)
-    noise = {name: noise_std(one) for name, one in model.noise.items()}
+    noise = {name: std_within(one, COLOUR) for name, one in model.noise.items()}
     return Believed(truck, effects, of_actuator, steering.pair, tracked, offset or 0.0, noise, notes)
-
-
-def noise_std(noise: SignalNoise, seconds: float = COLOUR) -> float:
-    """Standard deviation of a noise, from its innovations, within so many seconds."""
-    if not noise.ar or noise.sample_period is None:
-        return noise.std
-    samples = max(1, round(seconds / noise.sample_period))
-    answer = lfilter([1.0], [1.0, *(-a for a in noise.ar)], np.eye(1, samples)[0])
-    return noise.std * float(np.sqrt(np.sum(answer**2)))
 
 
 def sensor_noise(noise: SignalNoise) -> SignalNoise:
     """What a sensor adds: a colour longer than ``COLOUR`` is none of it, but what the model lacks."""
-    size = noise_std(noise)
-    if noise_std(noise, LONG) <= SAME * size:
+    size = std_within(noise, COLOUR)
+    if std_within(noise, LONG) <= SAME * size:
         return noise
     return SignalNoise(size, correlation_time=COLOUR)
 

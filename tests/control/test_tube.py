@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from ident.control.tube import SIGMAS, bounds_of_residuals, invariant_tube
-from ident.model_file import SignalNoise
+from ident.control.tube import SIGMAS, bounds_of_corrections, invariant_tube
 
 Array = NDArray[np.float64]
 
@@ -80,14 +79,18 @@ def test_a_disturbance_that_cannot_be_held_to_the_bounds_leaves_the_tube() -> No
     assert not np.all(np.abs(error) <= tube.box)
 
 
-def test_bounds_come_from_the_innovations_of_one_period() -> None:
-    noise = {
-        "yaw_rate": SignalNoise(std=0.001, ar=[0.5], sample_period=0.01),
-        "lateral_acceleration": SignalNoise(std=0.2, sample_period=0.01),
-        "steering_wheel_angle": SignalNoise(std=0.002),
-    }
-    bounds = bounds_of_residuals(noise, 0.04)
-    assert bounds["yaw_rate"] == pytest.approx(SIGMAS * 0.001 * 2.0)
-    assert bounds["lateral_velocity"] == pytest.approx(SIGMAS * 0.2 * 0.04)
-    assert bounds["steering_angle"] == pytest.approx(SIGMAS * 0.002)
-    assert "heading_error" not in bounds
+def test_bounds_are_what_an_estimator_corrects_when_the_residuals_are_as_large_as_told() -> None:
+    names = ("lateral_error", "heading_error", "yaw_rate")
+    gain = np.array([[0.3, 2.0, 0.1], [0.001, 0.4, 0.02], [0.0, 0.5, 0.7]])
+    sizes = {"position_across": 0.02, "heading": 0.002, "yaw_rate": 0.001}
+    innovations = np.random.default_rng(5).standard_normal((40_000, 3)) * list(sizes.values())
+    corrections = innovations @ gain.T
+    bounds = bounds_of_corrections(sizes, names, gain)
+    for column, name in enumerate(names):
+        assert bounds[name] == pytest.approx(SIGMAS * corrections[:, column].std(), rel=0.02)
+
+
+def test_a_state_without_a_known_residual_has_no_bound() -> None:
+    gain = np.full((2, 2), 0.5)
+    bounds = bounds_of_corrections({"road_wheel_angle": 0.001}, ("steering_angle", "yaw_rate"), gain)
+    assert bounds == {"steering_angle": pytest.approx(SIGMAS * 0.5 * 0.001)}

@@ -12,7 +12,7 @@ from scipy.stats import kstest
 
 from ident.estimation.noise import AutoRegression, NoiseModel
 from ident.estimation.tyre_fit import Body, KindFit, fit_tyres
-from ident.estimation.vehicle_fit import LONGEST_NOISE, run_agreement, to_fixed
+from ident.estimation.vehicle_fit import LONGEST_NOISE, noise_of_residuals, run_agreement, to_fixed
 from ident.estimation.vehicle_problem import STEERING_RATIO
 
 C_F, C_R = 330e3, 417e3
@@ -102,6 +102,14 @@ def test_the_exact_model_is_hardly_ever_called_coloured():
 
 
 # --- a model that is wrong ---------------------------------------------------------------------------
+
+
+def test_what_a_wrong_model_leaves_does_not_hide_the_noise_of_the_sensors():
+    found = wrong().fit
+    noise = noise_of_residuals(found.point, {})
+    assert max(found.point.noise[name].std / SIZES[name] for name in SENSORS) > 3.0  # weights of the fit
+    for name in SENSORS:
+        assert noise[name].std == pytest.approx(SIZES[name], rel=0.2), name
 
 
 def test_a_wrong_model_is_fitted_by_least_squares_with_wider_errors():

@@ -7,7 +7,7 @@ from functools import partial
 
 from ident.control.controllers.mpc_controller import Mpc, Settings
 from ident.control.controllers.mpc_model import Terminal
-from ident.control.controllers.mpc_tubes import Tubes, check_room, usual_bounds
+from ident.control.controllers.mpc_tubes import Tubes, check_room, corrected_bounds, usual_bounds
 from ident.control.controllers.weights import ACCEPTABLE
 from ident.control.prediction import Prediction
 from ident.control.qp import QuadraticProgram
@@ -21,21 +21,25 @@ def mpc_robust(
     period: float,
     weights: Mapping[str, float] | None = None,
     *,
-    bounds: Mapping[str, float] | None = None,
+    noise: Mapping[str, float] | None = None,
     keep: Callable[[QuadraticProgram], None] | None = None,
 ) -> Mpc:
     """Tube LTV-MPC in time.
 
-    bounds : state -> what one period's prediction misses at most, such as ``tube.bounds_of_residuals`` gives
-        of an identified model; what it does not name is as usual (``mpc_tubes.USUAL``)
+    noise : signal of a log -> size of its residual by the identified model, from which the set is made
+        (``mpc_tubes.corrected_bounds``); where None it is one of usual size (``mpc_tubes.USUAL``)
     """
     settings = Settings("time", acceptable=ACCEPTABLE if weights is None else weights)
-    make = partial(_tubes, bounds=dict(bounds or {}), period=period)
+    make = partial(_tubes, noise=None if noise is None else dict(noise), period=period)
     return Mpc("mpc_robust", truck, period, settings, tubes=make, keep=keep)
 
 
-def _tubes(prediction: Prediction, terminal: Terminal, *, bounds: dict[str, float], period: float) -> Tubes:
-    tubes = Tubes(prediction, terminal, usual_bounds(prediction, period) | bounds)
+def _tubes(
+    prediction: Prediction, terminal: Terminal, *, noise: dict[str, float] | None, period: float
+) -> Tubes:
+    usual = usual_bounds(prediction, period)
+    bounds = (lambda _: usual) if noise is None else corrected_bounds(prediction, period, noise)
+    tubes = Tubes(prediction, terminal, bounds)
     room = prediction.truck.highest_angle / abs(prediction.mean_ratio * prediction.truck.steering.gain)
     check_room(tubes, prediction, room, CHECKED_AT)
     return tubes

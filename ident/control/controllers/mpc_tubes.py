@@ -9,16 +9,17 @@ The set is that of driving straight on at one speed; bends and changes of speed 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ident.control.controllers.mpc_model import REQUESTS, SPEEDS, Terminal
+from ident.control.estimator import design
 from ident.control.linear import Schedule
 from ident.control.prediction import Prediction
-from ident.control.tube import invariant_tube
+from ident.control.tube import bounds_of_corrections, invariant_tube
 from ident.errors import NotIdentifiable
 
 Array = NDArray[np.float64]
@@ -36,18 +37,22 @@ USUAL: Mapping[str, float] = {
 }
 
 
+Bounds = Callable[[float], Mapping[str, float]]
+
+
 class Tubes:
     """How far the set reaches, against speed.
 
     prediction, terminal : of the controller
-    bounds : state -> bound of its disturbance in one period; ``usual_bounds`` where no residuals are known
+    bounds : of a speed [m/s] -> state -> bound of its disturbance in one period; see ``usual_bounds`` and
+        ``corrected_bounds``
     """
 
-    def __init__(self, prediction: Prediction, terminal: Terminal, bounds: Mapping[str, float]) -> None:
-        names = prediction.states
-        sizes = np.array([*(bounds.get(name, 0.0) for name in names), *[0.0] * REQUESTS])
+    def __init__(self, prediction: Prediction, terminal: Terminal, bounds: Bounds) -> None:
         boxes, changes = [], []
         for speed in SPEEDS:
+            known = bounds(float(speed))
+            sizes = np.array([*(known.get(name, 0.0) for name in prediction.states), *[0.0] * REQUESTS])
             tube = invariant_tube(terminal.closed.at(float(speed)), sizes)
             boxes.append(tube.box)
             changes.append(tube.reach(terminal.gain.at(float(speed))))
@@ -80,6 +85,23 @@ def usual_bounds(prediction: Prediction, period: float) -> dict[str, float]:
     return {
         name: grown * size / (unit if name.startswith("steering") else 1.0) for name, size in USUAL.items()
     }
+
+
+def corrected_bounds(prediction: Prediction, period: float, noise: Mapping[str, float]) -> Bounds:
+    """What the estimator corrects in one period, from the residuals of the identified model.
+
+    noise : signal of a log -> size of its residual, see ``tube.bounds_of_corrections``; a state of which it
+        is not known is taken to be missed as usual
+    """
+    usual = usual_bounds(prediction, period)
+    names = prediction.states[1:]
+    gains, _ = design(prediction, period)
+
+    def at(speed: float) -> Mapping[str, float]:
+        own = np.ascontiguousarray(gains.at(speed)[: len(names)])
+        return usual | bounds_of_corrections(noise, names, own)
+
+    return at
 
 
 def check_room(tubes: Tubes, prediction: Prediction, room: float, speed: float) -> None:

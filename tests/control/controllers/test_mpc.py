@@ -14,6 +14,7 @@ from ident.control.controllers.mpc_controller import PATIENCE
 from ident.control.controllers.mpc_robust import mpc_robust
 from ident.control.controllers.mpc_spatial import mpc_spatial, mpc_spatial_rate
 from ident.control.controllers.mpc_time import mpc_time, mpc_time_kinematic
+from ident.control.controllers.mpc_tubes import corrected_bounds
 from ident.control.controllers.weights import ACCEPTABLE
 from ident.control.many_points import ManyPoints
 from ident.control.paths import lane_change_length, mirrored, single_lane_change
@@ -255,6 +256,39 @@ def test_the_nominal_truck_keeps_tighter_limits_than_the_truck(controllers):
     assert 0.02 < robust._tubes.box(SPEED)[robust._aside] < 0.6
 
 
+def test_what_the_estimator_corrects_stays_within_the_bounds_of_the_residuals():
+    noise = {
+        "lateral_velocity": 0.012,
+        "yaw_rate": 0.0015,
+        "position_across": 0.012,
+        "heading": 0.001,
+        "steering_wheel_angle": 0.002,
+    }
+    controller = mpc_robust(truck(), PERIOD, noise=noise)
+    estimator, names = controller.base.estimator, controller.prediction.states
+    random, missed = np.random.default_rng(4), []
+    for k in range(400):
+        drawn = dict(zip(noise, random.standard_normal(5) * list(noise.values()), strict=True))
+        at = {name: drawn[name] for name in ("lateral_velocity", "yaw_rate", "heading")}
+        seen = measured(
+            k * PERIOD,
+            position_x=k * SPEED * PERIOD,
+            position_y=drawn["position_across"],
+            steering_angle=drawn["steering_wheel_angle"],
+            **at,
+        )
+        expected = estimator.ahead(seen.time, 0.0) if k else None
+        estimator.update(seen, 0.0)
+        estimator.sent.add(seen.time, (0.0, 0.0))
+        if k > 100:
+            missed.append(estimator.state - expected)
+    bounds = corrected_bounds(controller.prediction, PERIOD, noise)(SPEED)
+    for name in ("lateral_velocity", "yaw_rate", "lateral_error", "heading_error", "steering_angle"):
+        size = np.array(missed)[:, names.index(name)]
+        assert np.mean(np.abs(size) <= bounds[name]) > 0.95, name
+        assert bounds[name] < 4.0 * size.std(), name
+
+
 def test_a_truck_beside_the_plan_is_pulled_back_and_one_outside_the_tube_begins_anew(controllers):
     robust, road = controllers["mpc_robust"], straight(SPEED, 400.0)
     first(robust, measured(), road)
@@ -266,7 +300,7 @@ def test_a_truck_beside_the_plan_is_pulled_back_and_one_outside_the_tube_begins_
 
 
 def test_residuals_that_leave_no_room_to_steer_are_refused():
-    controller = mpc_robust(truck(**AT_ONCE), PERIOD, bounds={"yaw_rate": 0.3})
+    controller = mpc_robust(truck(**AT_ONCE), PERIOD, noise={"yaw_rate": 0.3})
     with pytest.raises(NotIdentifiable, match=r"tube takes .* rad of the steering request, need at most"):
         controller.step(measured(), straight(SPEED, 400.0))
 
