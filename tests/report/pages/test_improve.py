@@ -71,7 +71,7 @@ def test_what_no_model_was_tested_on_is_never_called_adequate(improve_cases):
     page = improve_page(result, tables)
     shown = render([page])
     assert page.verdict.badge != "adequate"
-    assert "no model could be tested with these data" in shown
+    assert "No model could be compared with these data" in shown
     assert "do not tell that the model lacks anything" not in shown
 
 
