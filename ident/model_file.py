@@ -18,9 +18,10 @@ from typing import Any, Literal
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.representer import RoundTripRepresenter
+from ruamel.yaml.scalarstring import LiteralScalarString
 
 from ident.errors import BadRecipe
-from ident.results import Provenance, TyreKind
+from ident.results import Provenance, TyreFile, TyreKind
 from ident.vehicle import ReferencePoint
 from ident.yaml_file import check, read_yaml
 
@@ -77,13 +78,17 @@ class VehiclePart:
 
 @dataclass(frozen=True)
 class TyresPart:
-    """The axle tyres: parameter -> value; the force is that of the axle, both sides together."""
+    """The axle tyres: parameter -> value; the force is that of the axle, both sides together.
+
+    property_files : of PAC2002 tyres, whose parameters are scaling factors of them
+    """
 
     __pydantic_config__ = _STRICT
 
     kind: TyreKind
     front: dict[str, Value]
     rear: dict[str, Value]
+    property_files: list[TyreFile] | None = None
 
 
 @dataclass(frozen=True)
@@ -211,6 +216,8 @@ def _block(value: Any) -> Any:
         laid_out: Any = CommentedMap(present)
     elif _is_list(value):
         laid_out = CommentedSeq([_block(inner) for inner in value])
+    elif isinstance(value, str) and "\n" in value:
+        return LiteralScalarString(value)
     else:
         return value
     if _is_leaf(value) and (_is_list(value) or len(str(value)) <= LONGEST_LINE):

@@ -6,6 +6,11 @@ own or in per cent of the value; the long form says the same:
     mass: 12500 kg ± 300 kg            # or +-, or +/-
     mass: 12500 kg +- 3 %
     mass: {value: 12500 kg, std: 300 kg}
+
+The tyres are property files (``.tir``), with paths relative to the vehicle file:
+
+    tyres: truck.tir                                                # the same on both axles, two on each
+    tyres: {front: steer.tir, rear: {file: drive.tir, number: 4}}   # dual tyres behind
 """
 
 from __future__ import annotations
@@ -24,6 +29,9 @@ from ident.yaml_file import nearest, read_yaml
 ReferencePoint = Literal["rear_axle", "cg"]
 Point = tuple[float, float, float]
 
+AXLES = ("front", "rear")
+MOST_TYRES = 16  # on one axle group
+
 UNITS = {
     "mass": "kg",
     "yaw_inertia": "kg m^2",
@@ -38,6 +46,22 @@ _PER_CENT = re.compile(r"(.*?)\s*(?:%|percent)\s*")
 
 
 @dataclass(frozen=True)
+class AxleTyres:
+    """The tyres of one axle: their property file, and how many there are, 4 where they are dual."""
+
+    file: Path
+    number: int = 2
+
+
+@dataclass(frozen=True)
+class VehicleTyres:
+    """The tyres of both axles."""
+
+    front: AxleTyres
+    rear: AxleTyres
+
+
+@dataclass(frozen=True)
 class Vehicle:
     """What is known about a vehicle; None where it is not.
 
@@ -46,7 +70,7 @@ class Vehicle:
     steering_ratio : steering wheel over road wheel [-], or a table of (steering wheel, road wheel) [rad]
     reference_point : the point that logged poses and velocities refer to
     imu_position : from the CG, x forward, y left, z up [m]
-    tyres : path of a .tir file
+    tyres : property files (.tir) of both axles
     std : name of a value above -> its standard deviation in the same unit, only where the file states it
     """
 
@@ -59,7 +83,7 @@ class Vehicle:
     steering_ratio: float | tuple[tuple[float, float], ...] | None = None
     reference_point: ReferencePoint | None = None
     imu_position: Point | None = None
-    tyres: Path | None = None
+    tyres: VehicleTyres | None = None
     std: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -166,8 +190,27 @@ def _rises(values: list[float]) -> bool:
     return all(first < second for first, second in pairwise(values))
 
 
-def _tyres(value: object, path: Path) -> Path:
-    file = path.parent / str(value)
-    if not isinstance(value, str) or not file.is_file():
-        raise BadRecipe(f"tyres: there is no file {file}")
-    return file
+def _tyres(value: object, path: Path) -> VehicleTyres:
+    if not isinstance(value, Mapping):
+        both = _axle_tyres(value, path, "tyres")
+        return VehicleTyres(both, both)
+    if set(value) != set(AXLES):
+        raise BadRecipe(
+            f"tyres: {', '.join(map(str, value)) or 'nothing'} given, need a file, or front and rear: "
+            "{front: steer.tir, rear: drive.tir}"
+        )
+    return VehicleTyres(*(_axle_tyres(value[axle], path, f"tyres.{axle}") for axle in AXLES))
+
+
+def _axle_tyres(value: object, path: Path, key: str) -> AxleTyres:
+    given = value if isinstance(value, Mapping) else {"file": value}
+    if "file" not in given or set(given) - {"file", "number"}:
+        raise BadRecipe(
+            f"{key}: {', '.join(map(str, given)) or 'nothing'} given, need {{file: drive.tir, number: 4}}"
+        )
+    file, number = path.parent / str(given["file"]), given.get("number", 2)
+    if not isinstance(given["file"], str) or not file.is_file():
+        raise BadRecipe(f"{key}: there is no file {file}")
+    if type(number) is not int or number % 2 or not 2 <= number <= MOST_TYRES:
+        raise BadRecipe(f"{key}: {number} tyres, need an even number of 2 to {MOST_TYRES}: 4 are dual tyres")
+    return AxleTyres(file, number)

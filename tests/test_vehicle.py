@@ -5,7 +5,7 @@ import math
 import pytest
 
 from ident.errors import BadRecipe
-from ident.vehicle import Vehicle, read_vehicle
+from ident.vehicle import AxleTyres, Vehicle, VehicleTyres, read_vehicle
 
 
 def read(tmp_path, text):
@@ -32,9 +32,17 @@ def test_reads_everything_in_si(tmp_path):
         steering_ratio=20.5,
         reference_point="rear_axle",
         imu_position=(0.6, 0.0, pytest.approx(0.2)),
-        tyres=tmp_path / "tyre.tir",
+        tyres=VehicleTyres(AxleTyres(tmp_path / "tyre.tir"), AxleTyres(tmp_path / "tyre.tir")),
     )
     assert vehicle.wheelbase == pytest.approx(4.5)
+
+
+def test_the_axles_may_have_tyres_of_their_own_and_dual_ones(tmp_path):
+    for name in ("steer.tir", "drive.tir"):
+        (tmp_path / name).write_text("")
+    vehicle = read(tmp_path, "tyres: {front: steer.tir, rear: {file: drive.tir, number: 4}}")
+    front, rear = AxleTyres(tmp_path / "steer.tir", 2), AxleTyres(tmp_path / "drive.tir", 4)
+    assert vehicle.tyres == VehicleTyres(front, rear)
 
 
 def test_what_is_missing_is_none(tmp_path):
@@ -109,6 +117,13 @@ def test_only_what_is_stated_has_a_standard_deviation(tmp_path):
         ("mass: {std: 300 kg}", "mass: std given, need value and std, such as {value: 1 kg, std: 0.1 kg}"),
         ("mass: {value: 1 kg, sdt: 1 kg}", "mass: value, sdt given, need value and std"),
         ("tyres: gone.tir", "tyres: there is no file"),
+        ("tyres: {front: vehicle.yaml, rear: gone.tir}", "tyres.rear: there is no file"),
+        ("tyres: {front: vehicle.yaml}", "tyres: front given, need a file, or front and rear"),
+        ("tyres: {front: vehicle.yaml, rear: {number: 4}}", "tyres.rear: number given, need {file: drive"),
+        (
+            "tyres: {front: vehicle.yaml, rear: {file: vehicle.yaml, number: 3}}",
+            "tyres.rear: 3 tyres, need an even number",
+        ),
         ("mass: 1 kg\nmass: 2 kg", "is not YAML"),
         ("- mass", "need a mapping"),
     ],

@@ -22,8 +22,8 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 from scipy.stats import t as student
 
-from ident.dynamics.tyres import TYRES, axle_force
-from ident.estimation.tyre_fit import Body, coordinates_of
+from ident.dynamics.tyres import evaluate
+from ident.estimation.tyre_fit import Axles, Body, axles_of, coordinates_of
 from ident.estimation.vehicle_problem import Coordinate
 
 Array = NDArray[np.float64]
@@ -72,7 +72,13 @@ def fit_scale(needed: Array, measured: Array, run: Index) -> Fitted:
 
 
 def fit_curve(
-    kind: str, axle: str, body: Body, slip_angle: Array, measured: Array, run: Index, start: Sequence[float]
+    kind: str | Axles,
+    axle: str,
+    body: Body,
+    slip_angle: Array,
+    measured: Array,
+    run: Index,
+    start: Sequence[float],
 ) -> Fitted:
     """Fit a kind of tyre to measured forces; the estimates are its coordinates (logarithms).
 
@@ -80,12 +86,13 @@ def fit_curve(
 
     Parameters
     ----------
-    kind : in ``TYRES``; axle : "front" or "rear"
+    kind : in ``TYRES``, or the tyres of both axles; axle : "front" or "rear"
     slip_angle, measured : (n,) [rad], [N], at instants of equal spacing
     run : (n,) index of the run of each
-    start : one value of each parameter of the kind
+    start : one value of each parameter that is not held
     """
-    own = [one for one in coordinates_of(kind, body) if one.name.startswith(f"{axle}.")]
+    axles = axles_of(kind)
+    own = [one for one in coordinates_of(axles, body) if one.name.startswith(f"{axle}.")]
     offsets = _of_runs(run)
     first = np.array([one.coordinate(value) for one, value in zip(own, start, strict=True)])
     low, high = (np.array([getattr(one, end) for one in own]) for end in ("low", "high"))
@@ -94,7 +101,7 @@ def fit_curve(
     free = np.full(offsets.shape[1], np.inf)
     bounds = (np.concatenate([low, -free]), np.concatenate([high, free]))
     for _ in range(3):
-        problem = _Curve(kind, own, slip_angle, measured, offsets, weight)
+        problem = _Curve(axles, axle, body.load(axle), own, slip_angle, measured, offsets, weight)
         at = least_squares(problem.rows, at, problem.jacobian, bounds=bounds, x_scale="jac", max_nfev=200).x
         left = measured - problem.model(at)
         weight = 1.0 / (float(np.std(left)) * np.sqrt(2 * correlation_length(left, run)))
@@ -105,7 +112,9 @@ def fit_curve(
 class _Curve:
     """Rows and derivatives of the fit of a curve; the residuals weigh ``weight`` against the priors."""
 
-    kind: str
+    axles: Axles
+    axle: str
+    load: float
     own: Sequence[Coordinate]
     slip_angle: Array
     measured: Array
@@ -136,11 +145,13 @@ class _Curve:
         return -np.column_stack([by_parameter * slopes, self.offsets])
 
     def _force(self, at: Array) -> tuple[Array, Array]:
-        values = {
-            name: one.value(value)
-            for name, one, value in zip(TYRES[self.kind].names, self.own, at, strict=False)
-        }
-        return axle_force(self.kind, self.slip_angle, values)
+        tyre = self.axles.of(self.axle)
+        named = {one.name: one.value(value) for one, value in zip(self.own, at, strict=False)}
+        known = {**self.axles.held, **named}
+        values = {name: known[f"{self.axle}.{name}"] for name in tyre.names}
+        force, _, by_parameter = evaluate(tyre, self.slip_angle, values, self.load)
+        free = [number for number, name in enumerate(tyre.names) if f"{self.axle}.{name}" in named]
+        return force, by_parameter[:, free]
 
 
 def correlation_length(residual: Array, run: Index) -> float:

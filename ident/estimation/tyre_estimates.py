@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from ident.dynamics.tyres import TYRES, axle_force
+from ident.dynamics.tyres import evaluate
 from ident.estimation.tyre_fit import AXLES, KindFit
 from ident.estimation.vehicle_fit import to_fixed
 from ident.estimation.vehicle_problem import STEERING_RATIO, Coordinate
@@ -28,12 +28,14 @@ FAR = 3.0  # standard deviations of the prior
 OWN_SHARE = 0.5  # of the prior's standard deviation: above, the data add little to it
 FIXED = ("mass", "cg_to_front_axle", "cg_to_rear_axle", STEERING_RATIO)
 PEAK = ("peak_force", "shape", "curvature")
+OF_BEND = (*PEAK, "saturation_slip", "LMUY", "LCY", "LEY")
+STIFFNESS = "cornering_stiffness"
 PEAK_REACHED = 0.95  # of the peak force: the axle has come near it
 REACH = 1.6  # of the excited slip angle, up to which curves are drawn
 POINTS = 81
 EXCITED = 0.001  # share of the samples beyond either end
 PLAIN_UNITS = {"yaw_inertia": "kg m^2", "steering_offset": "rad", "reference_x": "m"}
-ABSOLUTE = ("curvature", "steering_offset", "reference_x")
+ABSOLUTE = ("curvature", "LEY", "steering_offset", "reference_x")
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def tyre_fit(found: KindFit, known: Uncertainty, criterion: float) -> TyreFit:
     excited = excited_slip(found)
     std = np.sqrt(np.diag(known.covariance))
     by_name = {
-        one.name: _estimate(one, at, s, excited)
+        one.name: _estimate(one, _unit(one.name, found), at, s, excited)
         for one, at, s in zip(found.problem.coordinates, found.fit.shared, std, strict=True)
     }
     for axle in AXLES:
@@ -115,9 +117,10 @@ def excited_slip(found: KindFit) -> dict[str, list[float]]:
     return made
 
 
-def _estimate(one: Coordinate, at: float, std: float, excited: Mapping[str, Sequence[float]]) -> Estimate:
+def _estimate(
+    one: Coordinate, unit: str, at: float, std: float, excited: Mapping[str, Sequence[float]]
+) -> Estimate:
     value = one.value(at)
-    unit = _unit(one.name)
     size = std * (value if one.logarithmic else 1.0)
     status, reason = _status(one, at, std, excited)
     if status == "not_identifiable":
@@ -133,19 +136,19 @@ def _beyond_what_was_driven(
 
     Its interval then holds only if the axle goes on beyond the data as this kind of tyres does.
     """
-    names = TYRES[found.kind].names
-    if "peak_force" not in names:
+    own = found.of_axle(axle)
+    if "peak_force" not in own:
         return {}
-    own = {name: found.parameters[f"{axle}.{name}"] for name in names}
     slip = np.linspace(excited[0], excited[1], POINTS)
-    reached, peak = float(np.abs(axle_force(found.kind, slip, own)[0]).max()), own["peak_force"]
+    forces = evaluate(found.axles.of(axle), slip, own, found.body.load(axle))[0]
+    reached, peak = float(np.abs(forces).max()), own["peak_force"]
     if reached > PEAK_REACHED * peak:
         return {}
     reason = (
         f"rests on the shape of the curve beyond what was driven: the {axle} force reaches "
         f"{reached / 1e3:.3g} of {peak / 1e3:.3g} kN: drive harder"
     )
-    of_peak = [f"{axle}.{name}" for name in names if name in PEAK]
+    of_peak = [f"{axle}.{name}" for name in own if name in PEAK]
     return {
         name: replace(by_name[name], status="weak", reason=reason)
         for name in of_peak
@@ -153,11 +156,11 @@ def _beyond_what_was_driven(
     }
 
 
-def _unit(name: str) -> str:
+def _unit(name: str, found: KindFit) -> str:
     if name in PLAIN_UNITS:
         return PLAIN_UNITS[name]
-    own = name.partition(".")[2]
-    return next(p.unit for kind in TYRES.values() for p in kind.parameters if p.name == own)
+    axle, _, own = name.partition(".")
+    return next(one.unit for one in found.axles.of(axle).parameters if one.name == own)
 
 
 def _status(
@@ -182,7 +185,7 @@ def _status(
 
 
 def _what_to_drive(axle: str, own: str, excited: Mapping[str, Sequence[float]]) -> str:
-    if own in ("peak_force", "shape", "curvature", "saturation_slip"):
+    if own in OF_BEND:
         most = max(abs(end) for end in excited[axle])
         return f"the {axle} slip angle reaches {most:.3f} rad, and its force still grows there: drive harder"
     if axle == "yaw_inertia":
@@ -193,10 +196,43 @@ def _what_to_drive(axle: str, own: str, excited: Mapping[str, Sequence[float]]) 
 def _of_axle(
     axle: str, found: KindFit, by_name: Mapping[str, Estimate], covariance: Array
 ) -> dict[str, Estimate]:
-    own = {name: by_name[f"{axle}.{name}"] for name in TYRES[found.kind].names}
+    names = found.axles.of(axle).names
+    told = {**by_name, **{name: _held(name, found) for name in found.axles.held}}
+    own = {name: told[f"{axle}.{name}"] for name in names}
     if found.kind == "magic_formula":
         own["stiffness_factor"] = _stiffness_factor(axle, found, own, covariance)
+    if STIFFNESS not in own:
+        own[STIFFNESS] = _stiffness(axle, found, covariance)
     return own
+
+
+def _held(name: str, found: KindFit) -> Estimate:
+    reason = found.axles.why_held.get(name)
+    return Estimate(found.parameters[name], None, None, None, _unit(name, found), "not_identifiable", reason)
+
+
+def _stiffness(axle: str, found: KindFit, covariance: Array) -> Estimate:
+    """Slope of the curve at zero slip [N/rad], with the error that its parameters leave."""
+    value, row = found.stiffness(axle).value, _stiffness_row(axle, found)
+    std = float(np.sqrt(row @ covariance @ row))
+    ends = (float(value * np.exp(-Z * std)), float(value * np.exp(Z * std)))
+    if std > WEAK:
+        reason = "drive with more lateral acceleration, at more than one speed"
+        return Estimate(value, value * std, None, None, "N/rad", "not_identifiable", reason)
+    status: Status = "identified" if std <= IDENTIFIED else "weak"
+    why = None if status == "identified" else f"known to {100 * std:.0f} %"
+    return Estimate(value, value * std, *ends, "N/rad", status, why)
+
+
+def _stiffness_row(axle: str, found: KindFit) -> Array:
+    """(s,) derivative of the logarithm of an axle's cornering stiffness to each coordinate."""
+    slope, row = found.stiffness(axle), np.zeros(found.fit.shared.size)
+    for number, name in enumerate(found.axles.of(axle).names):
+        if f"{axle}.{name}" in found.names:
+            at = found.names.index(f"{axle}.{name}")
+            to_coordinate = found.problem.coordinates[at].slope(float(found.fit.shared[at]))
+            row[at] = slope.by_parameter[number] * to_coordinate / slope.value
+    return row
 
 
 def _stiffness_factor(axle: str, found: KindFit, own: Mapping[str, Estimate], covariance: Array) -> Estimate:
@@ -227,10 +263,9 @@ def _understeer(found: KindFit, known: Uncertainty) -> tuple[Estimate, Estimate]
     }
     value, row = 0.0, np.zeros(found.fit.shared.size)
     for axle, term in terms.items():
-        name = f"{axle}.cornering_stiffness"
-        part = term / found.parameters[name]
+        part = term / found.stiffness(axle).value
         value += part
-        row[found.names.index(name)] = -part
+        row -= part * _stiffness_row(axle, found)
     by_fixed = (row @ known.by_fixed + _understeer_by_fixed(found, value)) * known.relative
     std = float(np.sqrt(row @ found.fit.covariance @ row + by_fixed @ by_fixed))
     gradient = _plain(value, std, "rad s^2/m", "drive circles or curves at several speeds")
@@ -245,13 +280,26 @@ def _understeer(found: KindFit, known: Uncertainty) -> tuple[Estimate, Estimate]
 
 
 def _understeer_by_fixed(found: KindFit, gradient: float) -> Array:
-    """(f,) change of the understeer gradient per relative change of each of FIXED, the stiffness held."""
+    """(f,) change of the understeer gradient per relative change of each of FIXED, the coordinates held.
+
+    The stiffness of tyres of a property file grows with the load of the axle, and so with these values.
+    """
     body = found.body
-    share = body.mass / body.wheelbase
-    front, rear = (found.parameters[f"{axle}.cornering_stiffness"] for axle in AXLES)
-    by_front = -body.cg_to_front_axle * (gradient / body.wheelbase + share / rear)
-    by_rear = -body.cg_to_rear_axle * (gradient / body.wheelbase - share / front)
-    return np.array([gradient, by_front, by_rear, 0.0])
+    share, l_f, l_r = body.mass / body.wheelbase, body.cg_to_front_axle, body.cg_to_rear_axle
+    front, rear = (found.stiffness(axle) for axle in AXLES)
+    by_front = -l_f * (gradient / body.wheelbase + share / rear.value)
+    by_rear = -l_r * (gradient / body.wheelbase - share / front.value)
+    by_load = [
+        -share * l_r / front.value * front.by_load * body.load("front") / front.value,
+        share * l_f / rear.value * rear.by_load * body.load("rear") / rear.value,
+    ]
+    loads = np.array(  # relative change of the load of either axle per relative change of each of FIXED
+        [
+            [1.0, -l_f / body.wheelbase, l_f / body.wheelbase, 0.0],
+            [1.0, l_r / body.wheelbase, -l_r / body.wheelbase, 0.0],
+        ]
+    )
+    return np.asarray(np.array([gradient, by_front, by_rear, 0.0]) + np.array(by_load) @ loads)
 
 
 def _plain(value: float, std: float, unit: str, advice: str) -> Estimate:
@@ -265,12 +313,12 @@ def _plain(value: float, std: float, unit: str, advice: str) -> Estimate:
 def _curve(axle: str, found: KindFit, excited: Sequence[float], covariance: Array) -> AxleCurve:
     most = REACH * max(abs(end) for end in excited)
     slip = np.linspace(-most, most, POINTS)
-    names = TYRES[found.kind].names
-    own = {name: found.parameters[f"{axle}.{name}"] for name in names}
-    force, by_parameter = axle_force(found.kind, slip, own)
-    index = [found.names.index(f"{axle}.{name}") for name in names]
+    tyre, own = found.axles.of(axle), found.of_axle(axle)
+    force, _, by_parameter = evaluate(tyre, slip, own, found.body.load(axle))
+    free = [number for number, name in enumerate(tyre.names) if f"{axle}.{name}" in found.names]
+    index = [found.names.index(f"{axle}.{tyre.names[number]}") for number in free]
     slopes = [found.problem.coordinates[i].slope(float(found.fit.shared[i])) for i in index]
-    rows = by_parameter * np.array(slopes)
+    rows = by_parameter[:, free] * np.array(slopes)
     std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, covariance[np.ix_(index, index)], rows), 0.0))
     return AxleCurve(slip.tolist(), force.tolist(), std.tolist())
 

@@ -6,7 +6,8 @@ by run, the bias of each sensor. Positive parameters are fitted as logarithms.
 
 What the data hardly tell is held by a weak prior, said in ``PRIORS``: D, C and E of a Magic Formula axle are
 known only jointly until its peak is excited. Where the posterior is not much narrower than the prior, the
-parameter is called not identifiable.
+parameter is called not identifiable. Tyres of a property file have scaling factors instead, of which
+:mod:`ident.estimation.tyre_scaling` says which are fitted.
 
 The state starts anew in every window of ``WINDOW`` seconds, so that what the model lacks and the noise of the
 measured steering and speed, which are inputs, do not pile up in heading and position.
@@ -25,7 +26,8 @@ from scipy.stats import chi2
 from ident.dynamics.bicycle import bicycle
 from ident.dynamics.constants import GRAVITY
 from ident.dynamics.engine import compiled
-from ident.dynamics.tyres import TYRES
+from ident.dynamics.parameter import Parameter
+from ident.dynamics.tyres import Stiffness, Tyre, by_name, stiffness, tyre_of
 from ident.estimation.noise import NoiseModel
 from ident.estimation.vehicle_fit import VehicleFit, fit_vehicle, inflation
 from ident.estimation.vehicle_point import VehiclePoint
@@ -56,8 +58,15 @@ PRIORS: dict[str, tuple[float, float]] = {
     "shape": (np.log(1.3), 0.3),
     "curvature": (-0.5, 2.0),
     "saturation_slip": (np.log(0.2), 1.0),
+    "LMUY": (0.0, 1.0),
 }
-RANGES: dict[str, tuple[float, float]] = {"shape": (0.8, 2.2), "curvature": (-10.0, 1.0)}
+RANGES: dict[str, tuple[float, float]] = {
+    "shape": (0.8, 2.2),
+    "curvature": (-10.0, 1.0),
+    "LCY": (0.5, 1.6),
+    "LEY": (-10.0, 10.0),
+}
+NOT_LOGARITHMIC = ("curvature", "LEY")
 
 
 @dataclass(frozen=True)
@@ -87,21 +96,60 @@ class Body:
 
 
 @dataclass(frozen=True)
+class Axles:
+    """The tyres of both axles, of one kind.
+
+    held : parameters, such as "front.LEY", that are not fitted -> their value
+    why_held : parameter -> why
+    """
+
+    front: Tyre
+    rear: Tyre
+    held: Mapping[str, float] = field(default_factory=dict)
+    why_held: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def kind(self) -> str:
+        """Name of the kind."""
+        return self.front.kind
+
+    def of(self, axle: str) -> Tyre:
+        """Tyre of one axle."""
+        return self.front if axle == "front" else self.rear
+
+    @property
+    def names(self) -> list[str]:
+        """Parameters of both axles, such as "front.cornering_stiffness", also those that are held."""
+        return [f"{axle}.{name}" for axle in AXLES for name in self.of(axle).names]
+
+
+def axles_of(kind: str | Axles) -> Axles:
+    """Both axles with tyres of one kind in ``TYRES``."""
+    return kind if isinstance(kind, Axles) else Axles(tyre_of(kind), tyre_of(kind))
+
+
+@dataclass(frozen=True)
 class KindFit:
     """One kind of tyres, fitted.
 
+    axles : the tyres of both axles
     problem, fit : the windows and the estimate in coordinates
     window : longest window [s]
     bank : whether the bank of the road is part of the model; bank_p : the p-value that decided it
     """
 
-    kind: str
+    axles: Axles
     body: Body
     problem: VehicleProblem
     fit: VehicleFit
     window: float
     bank: bool
     bank_p: float
+
+    @property
+    def kind(self) -> str:
+        """Name of the kind of tyres."""
+        return self.axles.kind
 
     @property
     def names(self) -> list[str]:
@@ -112,6 +160,14 @@ class KindFit:
     def parameters(self) -> dict[str, float]:
         """All parameters of the model that the runs share."""
         return self.problem.values(self.fit.shared)
+
+    def of_axle(self, axle: str) -> dict[str, float]:
+        """Parameters of the tyres of one axle."""
+        return {name: self.parameters[f"{axle}.{name}"] for name in self.axles.of(axle).names}
+
+    def stiffness(self, axle: str) -> Stiffness:
+        """Cornering stiffness of an axle."""
+        return stiffness(self.axles.of(axle), self.of_axle(axle), self.body.load(axle))
 
     def prior_of(self, name: str) -> float:
         """Standard deviation of the prior of a coordinate."""
@@ -145,7 +201,7 @@ def criteria(found: Mapping[TyreKind, KindFit]) -> dict[TyreKind, float]:
 
 def fit_tyres(
     records: Sequence[MotionRecord],
-    kind: str,
+    kind: str | Axles,
     body: Body,
     starts: Sequence[Mapping[str, float]],
     *,
@@ -160,7 +216,7 @@ def fit_tyres(
     Parameters
     ----------
     records : whole stretches of the runs, those of one run one after another
-    kind : in ``TYRES``
+    kind : in ``TYRES``, or the tyres of both axles
     starts : parameter, such as "front.cornering_stiffness" or "yaw_inertia" -> value, one for each start
     floor : signal -> least standard deviation of its noise
     noise : of every compared signal, where it is given and not identified
@@ -172,12 +228,13 @@ def fit_tyres(
     if bank is None:
         extended = partial(fit_tyres, records, kind, body, floor=floor, noise=noise, window=window)
         return _extended(extended, starts, records)
-    problem = _problem(records, kind, body, window, bank=bank, misaligned=bool(misaligned))
+    axles = axles_of(kind)
+    problem = _problem(records, axles, body, window, bank=bank, misaligned=bool(misaligned))
     coordinates = [_to_coordinates(problem, start) for start in starts]
-    if kind == "piecewise_linear":
+    if axles.kind == "piecewise_linear":
         coordinates += _kinked(problem, coordinates[0])
     fit = fit_vehicle(problem, coordinates, floor=floor, noise=noise)
-    return KindFit(kind, body, problem, fit, window, bank, 1.0)
+    return KindFit(axles, body, problem, fit, window, bank, 1.0)
 
 
 def _extended(
@@ -197,19 +254,20 @@ def _extended(
 
 
 def _problem(
-    records: Sequence[MotionRecord], kind: str, body: Body, window: float, *, bank: bool, misaligned: bool
+    records: Sequence[MotionRecord], axles: Axles, body: Body, window: float, *, bank: bool, misaligned: bool
 ) -> VehicleProblem:
     windows = Windows([part for record in records for part in cut(record, window)])
     given = ("mass", "cg_to_front_axle", "cg_to_rear_axle")
-    fixed = {name: float(getattr(body, name)) for name in given}
+    fixed = {name: float(getattr(body, name)) for name in given} | dict(axles.held)
     terms = [RunTerm(name, std) for name, std in SENSOR_BIAS.items()]
     terms += [MISALIGNED] if misaligned else []
     if bank:
         terms += _bank_terms(records)
     else:
         fixed |= dict.fromkeys(BANK, 0.0)
-    coordinates = coordinates_of(kind, body, reference=_reference_is_open(records))
-    return VehicleProblem(compiled(bicycle(kind, kind)), windows, coordinates, fixed, terms)
+    coordinates = coordinates_of(axles, body, reference=_reference_is_open(records))
+    model = compiled(bicycle(*(by_name(tyre) for tyre in (axles.front, axles.rear))))
+    return VehicleProblem(model, windows, coordinates, fixed, terms)
 
 
 def _bank_terms(records: Sequence[MotionRecord]) -> list[RunTerm]:
@@ -233,12 +291,18 @@ def _reference_is_open(records: Sequence[MotionRecord]) -> bool:
     return used and not any(record.reference_known for record in records)
 
 
-def coordinates_of(kind: str, body: Body, *, reference: bool = False) -> list[Coordinate]:
-    """What is fitted: both axles, the yaw inertia, the offset of the steering.
+def coordinates_of(kind: str | Axles, body: Body, *, reference: bool = False) -> list[Coordinate]:
+    """What is fitted: both axles but for what is held, the yaw inertia, the offset of the steering.
 
     reference : whether the point that pose and velocity refer to is fitted too, being stated nowhere
     """
-    made = [_of_axle(axle, name, body) for axle in AXLES for name in TYRES[kind].names]
+    axles = axles_of(kind)
+    made = [
+        _of_axle(axle, one, body)
+        for axle in AXLES
+        for one in axles.of(axle).parameters
+        if f"{axle}.{one.name}" not in axles.held
+    ]
     offset = Coordinate("steering_offset", logarithmic=False, prior_std=STEERING_OFFSET)
     point = Coordinate(
         "reference_x",
@@ -263,13 +327,13 @@ def _inertia(body: Body) -> Coordinate:
     )
 
 
-def _of_axle(axle: str, name: str, body: Body) -> Coordinate:
-    bounds = next(p for kind in TYRES.values() for p in kind.parameters if p.name == name)
-    low, high = RANGES.get(name, (bounds.low, bounds.high))
+def _of_axle(axle: str, parameter: Parameter, body: Body) -> Coordinate:
+    name = parameter.name
+    low, high = RANGES.get(name, (parameter.low, parameter.high))
     mean, std = PRIORS.get(name, (0.0, np.inf))
     if name == "peak_force":
         mean = float(np.log(FRICTION * body.load(axle)))
-    logarithmic = name != "curvature"
+    logarithmic = name not in NOT_LOGARITHMIC
     ends = np.log([low, high]) if logarithmic else np.array([low, high])
     return Coordinate(f"{axle}.{name}", logarithmic, float(ends[0]), float(ends[1]), mean, std)
 

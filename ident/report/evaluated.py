@@ -22,9 +22,10 @@ MODELS: dict[ModelName, str] = {
     "piecewise_linear": "piecewise linear",
     "brush": "brush",
     "magic_formula": "Magic Formula",
+    "pac2002": "PAC2002",
 }
 INPUTS = {"measured": "measured steering", "request": "request"}
-OTHERS = ("other_1", "other_2", "other_3", "other_4")
+OTHERS = ("other_1", "other_2", "other_3", "other_4", "other_5")
 
 Judgement = Literal["within", "near", "beyond", "unknown"]
 TONES: dict[Judgement, Tone] = {"within": "good", "near": "caution", "beyond": "bad", "unknown": "plain"}

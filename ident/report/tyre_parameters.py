@@ -15,6 +15,7 @@ KINDS: dict[TyreKind, str] = {
     "piecewise_linear": "piecewise linear",
     "magic_formula": "Magic Formula",
     "brush": "brush",
+    "pac2002": "PAC2002",
 }
 
 FORMULAS: dict[TyreKind, str] = {
@@ -22,6 +23,8 @@ FORMULAS: dict[TyreKind, str] = {
     "piecewise_linear": "F = Cα α up to αₘₐₓ, then Cα αₘₐₓ (2.24)",
     "magic_formula": "F = D sin(C atan(B α − E (B α − atan(B α)))) with B = Cα/(C D) (2.7)",
     "brush": "F = Cα tan α (1 − |z| + z²/3) with z = Cα tan α/(3 D), ±D where |z| ≥ 1",
+    "pac2002": "PAC2002 of the property file at the load of the axle at rest, with scaling factors; "
+    "1 leaves its curve as it is",
 }
 
 
@@ -42,6 +45,12 @@ PARAMETERS = {
     "peak_force": Parameter("D", "peak force", "largest lateral force of the axle"),
     "shape": Parameter("C", "shape", "how far the force falls beyond its peak: D sin(C π/2) is its end"),
     "curvature": Parameter("E", "curvature", "how sharply the force bends before its peak"),
+    "LKY": Parameter("LKY", "stiffness factor LKY", "scales the cornering stiffness of the property file"),
+    "LMUY": Parameter(
+        "LMUY", "friction factor LMUY", "scales the lateral peak friction of the property file"
+    ),
+    "LCY": Parameter("LCY", "shape factor LCY", "scales how far the force falls beyond its peak"),
+    "LEY": Parameter("LEY", "curvature factor LEY", "scales how sharply the force bends before its peak"),
     "stiffness_factor": Parameter("B", "stiffness factor", "Cα/(C D), of the slip angle inside the formula"),
     "yaw_inertia": Parameter("Iz", "yaw inertia", "about the centre of gravity"),
     "steering_offset": Parameter(

@@ -8,7 +8,7 @@ from typing import Literal
 from ident.results.common import Estimate, Provenance, Refusal
 from ident.results.logs import RunHealth
 
-ModelName = Literal["kinematic", "linear", "piecewise_linear", "brush", "magic_formula"]
+ModelName = Literal["kinematic", "linear", "piecewise_linear", "brush", "magic_formula", "pac2002"]
 InputLevel = Literal["measured", "request"]
 SplitBy = Literal["run", "part", "block", "none"]
 

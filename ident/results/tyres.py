@@ -8,7 +8,29 @@ from typing import Literal
 from ident.results.common import Estimate, Provenance, Refusal
 from ident.results.logs import RunHealth
 
-TyreKind = Literal["linear", "piecewise_linear", "magic_formula", "brush"]
+STRICT = {"extra": "forbid"}
+
+TyreKind = Literal["linear", "piecewise_linear", "magic_formula", "brush", "pac2002"]
+
+
+@dataclass(frozen=True)
+class TyreFile:
+    """A tyre property file as it was read, whole, so that what was fitted to it can be used elsewhere.
+
+    name : of the file, without its folder
+    sha256 : of its bytes, which are ``text`` in ``encoding``
+    number : axle -> how many of these tyres it has, 4 where they are dual
+    not_modelled : what it holds beside what is used here
+    """
+
+    __pydantic_config__ = STRICT
+
+    name: str
+    sha256: str
+    encoding: Literal["utf-8", "latin-1"]
+    number: dict[str, int]
+    not_modelled: list[str]
+    text: str
 
 
 @dataclass(frozen=True)
@@ -148,6 +170,7 @@ class TyresResult:
     excited : axle -> [lowest, highest] slip angle that the data excites [rad]
     fixed : what the vehicle file gives, such as the mass
     nuisance : offsets and biases fitted with the tyres
+    property_files : those of the vehicle file, where the scaling factors of PAC2002 tyres were fitted
     """
 
     schema_version: str
@@ -172,3 +195,4 @@ class TyresResult:
     refused: list[Refusal]
     warnings: list[str]
     measured_forces: list[ForceComparison] = field(default_factory=list)
+    property_files: list[TyreFile] = field(default_factory=list)

@@ -51,6 +51,7 @@ NAMES: dict[ModelName, str] = {
     "piecewise_linear": "piecewise linear",
     "brush": "brush",
     "magic_formula": "Magic Formula",
+    "pac2002": "PAC2002",
 }
 COMPARED = ("yaw_rate", "lateral_acceleration", "position_y", "heading")
 SIGNIFICANT = 0.05
@@ -312,7 +313,8 @@ def _refused(
     settings: EvaluateSettings, told: Sequence[EvaluatedModel], identified: TyreKind
 ) -> list[Refusal]:
     there = {one.name for one in told}
-    made = [Refusal(name, "was not fitted") for name in settings.models if name not in there]
+    asked = settings.models or [name for name in NAMES if name != "pac2002"]
+    made = [Refusal(name, "was not fitted") for name in asked if name not in there]
     if settings.against is not None and identified not in there:
         made.append(Refusal("comparison with another model", f"{NAMES[identified]} is not among the models"))
     if all(one.input == "measured" for one in told):

@@ -8,37 +8,40 @@ from pathlib import Path
 from ident.dynamics.bicycle import bicycle
 from ident.dynamics.engine import compiled
 from ident.dynamics.kinematic import kinematic
-from ident.dynamics.tyres import TYRES
+from ident.dynamics.tyres import Tyre, by_name, tyre_of
 from ident.errors import BadRecipe, NotIdentifiable
 from ident.estimation.evaluation import Candidate
 from ident.estimation.tyre_fit import AXLES, BANK
 from ident.model_file import Value, read_model
-from ident.results import Estimate, ModelName, TyresResult
+from ident.results import Estimate, ModelName, TyreFile, TyresResult
+from ident.stages.tyre_files import PAC2002, tyres_of_files
 
 BODY = ("mass", "cg_to_front_axle", "cg_to_rear_axle")
 OFFSET = "steering_offset"
 
 
-def candidates(tyres: TyresResult, names: Sequence[ModelName]) -> list[Candidate]:
-    """Return the models that exist, the simplest first."""
+def candidates(tyres: TyresResult, names: Sequence[ModelName] | None) -> list[Candidate]:
+    """Return the models that exist, the simplest first.
+
+    names : those that are asked for, None for all
+    """
     body = {name: tyres.fixed[name].value for name in BODY}
     offset = _offset(tyres)
     made = []
-    if "kinematic" in names:
+    if names is None or "kinematic" in names:
         known = {name: body[name] for name in BODY[1:]}
         made.append(Candidate("kinematic", compiled(kinematic()), {**known, OFFSET: offset}))
     for fit in tyres.fits:
-        if fit.kind in names:
+        if names is None or fit.kind in names:
             axles = {"front": fit.front, "rear": fit.rear}
+            own = _tyres(fit.kind, tyres.property_files, "tyres.json")
             parts = {
-                f"{axle}.{name}": _known(axles[axle][name])
-                for axle in AXLES
-                for name in TYRES[fit.kind].names
+                f"{axle}.{name}": _known(axles[axle][name]) for axle in AXLES for name in own[axle].names
             }
             inertia = _known(fit.yaw_inertia)
-            made.append(_bicycle(fit.kind, fit.kind, {**body, "yaw_inertia": inertia, **parts}, offset))
+            made.append(_bicycle(fit.kind, own, {**body, "yaw_inertia": inertia, **parts}, offset))
     if not made:
-        raise NotIdentifiable(f"none of the models {', '.join(names)} was fitted: run `ident tyres`")
+        raise NotIdentifiable(f"none of the models {', '.join(names or [])} was fitted: run `ident tyres`")
     return made
 
 
@@ -58,12 +61,13 @@ def from_file(path: Path) -> Candidate:
         for name in (*BODY, "yaw_inertia")
     }
     axles = {"front": model.tyres.front, "rear": model.tyres.rear}
+    own = _tyres(model.tyres.kind, model.tyres.property_files or [], str(path))
     parts = {}
     for axle in AXLES:
-        for name in TYRES[model.tyres.kind].names:
+        for name in own[axle].names:
             parts[f"{axle}.{name}"] = _value(axles[axle].get(name), f"{path}: tyres.{axle}.{name}")
     offsets = [one.parameters["angle"].value for one in model.effects if one.name == OFFSET]
-    return _bicycle(str(path), model.tyres.kind, {**body, **parts}, (offsets or [0.0])[0] or 0.0)
+    return _bicycle(str(path), own, {**body, **parts}, (offsets or [0.0])[0] or 0.0)
 
 
 def sensor_biases(tyres: TyresResult) -> dict[str, float]:
@@ -79,9 +83,17 @@ def sensor_biases(tyres: TyresResult) -> dict[str, float]:
     return {name: sum(values) / len(values) for name, values in found.items() if values}
 
 
-def _bicycle(name: str, kind: str, parameters: Mapping[str, float], offset: float) -> Candidate:
+def _tyres(kind: str, files: Sequence[TyreFile], source: str) -> Mapping[str, Tyre]:
+    """Tyres of each axle; those of a property file come from the result or model that holds it."""
+    return tyres_of_files(files, source).tyres if kind == PAC2002 else dict.fromkeys(AXLES, tyre_of(kind))
+
+
+def _bicycle(
+    name: str, tyres: Mapping[str, Tyre], parameters: Mapping[str, float], offset: float
+) -> Candidate:
     level = {**dict.fromkeys(BANK, 0.0), OFFSET: offset}
-    return Candidate(name, compiled(bicycle(kind, kind)), {**parameters, **level})
+    engine = compiled(bicycle(*(by_name(tyres[axle]) for axle in AXLES)))
+    return Candidate(name, engine, {**parameters, **level})
 
 
 def _offset(tyres: TyresResult) -> float:

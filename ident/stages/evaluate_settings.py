@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
@@ -67,7 +67,7 @@ class EvaluateSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    models: Annotated[list[ModelName], Field(min_length=1)] = list(get_args(ModelName))
+    models: Annotated[list[ModelName], Field(min_length=1)] | None = None
     require: Limits = Field(default_factory=dict)
     acceptable: Limits = Field(default_factory=lambda: dict(ACCEPTABLE))
     tolerance: Annotated[float, Field(gt=0)] = TOLERANCE

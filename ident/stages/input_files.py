@@ -66,7 +66,8 @@ def _applied(run: RunPath, settings: InputSettings) -> Iterator[tuple[str, Path]
         yield f"vehicle: {_relative(vehicle, run)}", vehicle
         tyres = read_vehicle(vehicle).tyres
         if tyres is not None:
-            yield f"tyres: {tyres.name}", tyres
+            for axle, own in (("front", tyres.front), ("rear", tyres.rear)):
+                yield f"{axle} tyres: {own.file.name}", own.file
 
 
 def _relative(path: Path, run: RunPath) -> str:

@@ -17,10 +17,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ident.dynamics.tyres import TYRES
 from ident.estimation.measured_forces import Fitted, fit_curve, fit_scale
 from ident.estimation.tyre_estimates import IDENTIFIED, WEAK
-from ident.estimation.tyre_fit import AXLES, Body
+from ident.estimation.tyre_fit import AXLES, Body, KindFit
 from ident.results import Estimate, ForceComparison, Status, TyreFit
 from ident.signals.run import Run
 
@@ -32,6 +31,7 @@ GENTLE = 4.0  # [m/s²] up to which models of this kind are judged apart
 FEWEST = 100
 FOLLOWS = 0.9  # correlation of force and motion, below which a run says little of either
 SIDES = ("left", "right")
+STIFFENS = ("cornering_stiffness", "LKY")  # parameters that the cornering stiffness goes with
 AT_REST, LONG_ENOUGH = 0.3, 1.0  # [m/s], [s]
 SAME_LOAD = 0.02  # relative
 USUAL_TRAIL = (0.03, 0.08)  # [m]
@@ -70,18 +70,18 @@ class Axle:
 
 
 def compare_forces(
-    fit: TyreFit, body: Body, forces: pd.DataFrame, motion: pd.DataFrame, runs: Sequence[Run]
+    fit: TyreFit, fitted: KindFit, forces: pd.DataFrame, motion: pd.DataFrame, runs: Sequence[Run]
 ) -> list[ForceComparison]:
     """Compare every axle of which all wheels' lateral forces were measured.
 
     Parameters
     ----------
-    fit : the chosen one
+    fit, fitted : the chosen one, as it is told and as it is
     forces, motion : tables ``tyre_forces`` and ``tyres`` of the stage
     runs : all that were read, also those that are no part of the fit: the vehicle may stand still in them
     """
     found = [_axle(axle, forces, motion) for axle in AXLES]
-    return [_compared(*_agreeing(one), fit, body, runs) for one in found if one.run.size >= FEWEST]
+    return [_compared(*_agreeing(one), fit, fitted, runs) for one in found if one.run.size >= FEWEST]
 
 
 def _agreeing(one: Axle) -> tuple[Axle, list[str]]:
@@ -135,31 +135,34 @@ def _angle(motion: pd.DataFrame, rows: pd.DataFrame) -> Array:
 
 
 def _compared(
-    one: Axle, left_out: Sequence[str], fit: TyreFit, body: Body, runs: Sequence[Run]
+    one: Axle, left_out: Sequence[str], fit: TyreFit, fitted: KindFit, runs: Sequence[Run]
 ) -> ForceComparison:
-    curve = getattr(fit, one.axle)
-    start = [float(curve[name].value) for name in TYRES[fit.kind].names]
+    body = fitted.body
+    free = [name for name in fitted.names if name.startswith(f"{one.axle}.")]
+    start = [fitted.parameters[name] for name in free]
     found, through = (
-        fit_curve(fit.kind, one.axle, body, one.slip_angle, force, one.run, start)
+        fit_curve(fitted.axles, one.axle, body, one.slip_angle, force, one.run, start)
         for force in (one.measured, one.needed)
     )
     scale = fit_scale(one.needed, one.measured, one.run)
-    number = TYRES[fit.kind].names.index("cornering_stiffness")
-    own = curve["cornering_stiffness"]
+    own = getattr(fit, one.axle)["cornering_stiffness"]
+    number = next(k for k, name in enumerate(free) if name.rpartition(".")[2] in STIFFENS)
+    each = fitted.stiffness(one.axle).value / start[number]
     return ForceComparison(
         axle=one.axle,  # type: ignore[arg-type]
-        from_forces=_stiffness(found, number),
+        from_forces=_stiffness(found, number, each),
         from_motion=own,
         scale=_scale(scale),
         correlation=_correlation(one),
         reason="; ".join(
-            [*_reasons(one, scale, body, runs), *_of_curves(found, through, own, number), *left_out]
+            [*_reasons(one, scale, body, runs), *_of_curves(found, through, own, number, each), *left_out]
         ),
     )
 
 
-def _stiffness(found: Fitted, number: int) -> Estimate:
-    value, std = float(np.exp(found.estimates[number])), found.std(number)
+def _stiffness(found: Fitted, number: int, each: float) -> Estimate:
+    """Cornering stiffness, ``each`` for every unit of the parameter that it goes with [N/rad]."""
+    value, std = each * float(np.exp(found.estimates[number])), found.std(number)
     half = found.half_width(number)
     if std > WEAK:
         reason = f"known to {100 * std:.0f} % only: the slip angles hardly vary"
@@ -199,12 +202,12 @@ def _of_scale(scale: Fitted) -> str:
     return f"the measured force is {abs(more):.0f} ± {_error(error)} % {what} than the motion needs"
 
 
-def _of_curves(found: Fitted, through: Fitted, own: Estimate, number: int) -> list[str]:
+def _of_curves(found: Fitted, through: Fitted, own: Estimate, number: int, each: float) -> list[str]:
     """Part the ratio of both stiffnesses: the same curve through the needed forces lies between them."""
     if through.std(number) > WEAK or found.std(number) > WEAK or not own.value:
         return []
-    middle = float(np.exp(through.estimates[number]))
-    force, rest = float(np.exp(found.estimates[number])) / middle, middle / own.value
+    middle = each * float(np.exp(through.estimates[number]))
+    force, rest = each * float(np.exp(found.estimates[number])) / middle, middle / own.value
     told = f"{middle / 1e3:.1f} ± {_error(middle * through.half_width(number) / 1e3)} kN/rad"
     shares = f"of the stiffness ratio {force * rest:.2f} the forces themselves make {force:.2f}"
     offset = "whose slope at zero slip trades against the offset of the steering and the shape of the curve"

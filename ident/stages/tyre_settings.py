@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, get_args
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -13,13 +13,13 @@ from ident.stages.inputs import quantity
 class TyresSettings(BaseModel):
     """Settings of this stage.
 
-    kinds : of tyres, all that there are unless said
+    kinds : of tyres, unless said all that there are: PAC2002 where the vehicle file names property files
     runs : globs of the runs to be used, all unless said
     least_speed : below which nothing is used [m/s]
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    kinds: Annotated[list[TyreKind], Field(min_length=1)] = list(get_args(TyreKind))
+    kinds: Annotated[list[TyreKind], Field(min_length=1)] | None = None
     runs: list[str] | None = None
     least_speed: Annotated[float, quantity("m/s", positive=True)] = 3.0

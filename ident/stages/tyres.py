@@ -18,6 +18,7 @@ from ident.errors import NotIdentifiable
 from ident.estimation.noise import AutoRegression
 from ident.estimation.tyre_estimates import Uncertainty, tyre_fit, uncertainty
 from ident.estimation.tyre_fit import AXLES, SENSOR_BIAS, KindFit, criteria, fit_tyres
+from ident.estimation.tyre_scaling import fit_scaling
 from ident.estimation.tyre_start import tyre_starts
 from ident.estimation.vehicle_fit import RunAgreement, noise_of_residuals, run_agreement
 from ident.estimation.vehicle_problem import ACROSS, ALONG, POSITION
@@ -37,6 +38,7 @@ from ident.signals.run import LoadedLogs
 from ident.stages.inputs import InputSettings, load, provenance
 from ident.stages.output import Context, StageOutput
 from ident.stages.tyre_data import GIVEN, TyreData, fixed_values, tyre_data, without_run
+from ident.stages.tyre_files import PAC2002, FileTyres, doubts_of_load, read_tyre_files, tyres_of_files
 from ident.stages.tyre_forces import compare_forces
 from ident.stages.tyre_nuisance import nuisance, told_reference
 from ident.stages.tyre_settings import TyresSettings
@@ -45,12 +47,13 @@ from ident.stages.tyre_tables import tyre_tables
 Array = NDArray[np.float64]
 
 CLEARLY = 10.0  # of the criterion: below this, the simpler kind is as good
-SIMPLE_FIRST: tuple[TyreKind, ...] = ("linear", "piecewise_linear", "brush", "magic_formula")
+SIMPLE_FIRST: tuple[TyreKind, ...] = ("linear", "piecewise_linear", "brush", "magic_formula", "pac2002")
 NAMES = {
     "linear": "Linear",
     "piecewise_linear": "Piecewise linear",
     "brush": "Brush",
     "magic_formula": "Magic Formula",
+    "pac2002": "PAC2002",
 }
 UNITS = {name: SIGNALS[name].unit for name in (*SENSOR_BIAS, *POSITION)}
 UNITS |= dict.fromkeys((ALONG, ACROSS), UNITS["position_x"])
@@ -59,7 +62,7 @@ TELLS = 0.25  # largest relative standard error of a parameter that a run alone 
 DISAGREES = 1e-3
 LIKE_A_BRUSH = {"shape": 1.35, "curvature": -0.5}
 PRACTICAL, FOREIGN = 0.03, 0.5  # relative
-COMPARED = ("front.cornering_stiffness", "rear.cornering_stiffness", "yaw_inertia")
+COMPARED = ("front.cornering_stiffness", "rear.cornering_stiffness", "front.LKY", "rear.LKY", "yaw_inertia")
 
 
 def tyres(
@@ -73,11 +76,14 @@ def tyres(
         If there is no log that can be read.
     NotIdentifiable
         If the vehicle file lacks mass or the distances of the axles, if no run holds steering, speed and
-        motion, or if the vehicle hardly turns.
+        motion, or if the vehicle hardly turns; if PAC2002 tyres are asked for without a property file.
+    BadRecipe
+        If a property file of the vehicle cannot be used.
     """
     loaded = load(logs, inputs, context)
     data = tyre_data(loaded, inputs.align, settings.runs, settings.least_speed, split=inputs.split)
-    data, found = _fit_alike(data, settings, context)
+    file_tyres = _file_tyres(data, settings)
+    data, found = _fit_alike(data, settings, context, file_tyres)
     known = {kind: uncertainty(one, data.ratio_std) for kind, one in found.items()}
     told = criteria(found)
     fits = [tyre_fit(found[kind], known[kind], told[kind]) for kind in found]
@@ -85,25 +91,48 @@ def tyres(
     result = _result(loaded, context, data, fits, chosen, found[chosen], known[chosen])
     tables = tyre_tables(data, found[chosen], loaded.runs)
     own = next(fit for fit in fits if fit.kind == chosen)
-    compared = compare_forces(own, data.body, tables["tyre_forces"], tables["tyres"], loaded.runs)
-    result = replace(result, measured_forces=compared)
+    compared = compare_forces(own, found[chosen], tables["tyre_forces"], tables["tyres"], loaded.runs)
+    result = replace(result, measured_forces=compared, **_of_files(file_tyres, result, data))
     return StageOutput(result, tables, _model_part(data, result, found[chosen], known[chosen]))
 
 
+def _file_tyres(data: TyreData, settings: TyresSettings) -> FileTyres | None:
+    """Return the tyres of the property files, None where they are not asked for or there are none."""
+    if settings.kinds is not None and PAC2002 not in settings.kinds:
+        return None
+    if data.vehicle.tyres is not None:
+        return tyres_of_files(read_tyre_files(data.vehicle.tyres), "vehicle file")
+    if settings.kinds is not None:
+        raise NotIdentifiable(
+            "PAC2002 tyres need a property file, the vehicle file names none: add `tyres: file.tir` to it"
+        )
+    return None
+
+
+def _of_files(tyres: FileTyres | None, result: TyresResult, data: TyreData) -> dict[str, Any]:
+    """Return what the result says of the property files."""
+    if tyres is None:
+        return {}
+    return {
+        "property_files": tyres.files,
+        "warnings": [*result.warnings, *doubts_of_load(tyres, data.body)],
+    }
+
+
 def _fit_alike(
-    data: TyreData, settings: TyresSettings, context: Context
+    data: TyreData, settings: TyresSettings, context: Context, file_tyres: FileTyres | None
 ) -> tuple[TyreData, dict[TyreKind, KindFit]]:
     """Fit every kind, without runs that are of another vehicle or whose signals contradict the others.
 
     Such a run is left out where the rest is longer than it.
     """
-    found = _fit_all(data, settings, context)
+    found = _fit_all(data, settings, context, file_tyres)
     for _ in range(len(data.runs) - 1):
         foreign = _foreign(data, found[choose(criteria(found))])
         if foreign is None:
             break
         data = without_run(data, *foreign)
-        found = _fit_all(data, settings, context)
+        found = _fit_all(data, settings, context, file_tyres)
     return data, found
 
 
@@ -134,22 +163,29 @@ def _shift(found: KindFit, one: RunAgreement) -> float:
 
     Of those that it tells: a run on a straight road cannot contradict a stiffness.
     """
-    index = [found.names.index(name) for name in COMPARED]
+    index = [found.names.index(name) for name in COMPARED if name in found.names]
     told = one.std[index] < TELLS
     return float(np.abs(one.shift[index] * told).max())
 
 
-def _fit_all(data: TyreData, settings: TyresSettings, context: Context) -> dict[TyreKind, KindFit]:
-    kinds = [kind for kind in SIMPLE_FIRST if kind in settings.kinds]
+def _fit_all(
+    data: TyreData, settings: TyresSettings, context: Context, file_tyres: FileTyres | None
+) -> dict[TyreKind, KindFit]:
+    there = [kind for kind in SIMPLE_FIRST if kind != PAC2002 or file_tyres is not None]
+    kinds = [kind for kind in there if settings.kinds is None or kind in settings.kinds]
     found: dict[TyreKind, KindFit] = {}
     for number, kind in enumerate(kinds):
-        context.progress(f"fit {NAMES[kind].lower()} tyres", number, len(kinds))
-        starts = [*tyre_starts(kind, data.records, data.body), *_inherited(kind, found)]
+        context.progress(f"fit {_in_a_sentence(kind)} tyres", number, len(kinds))
         try:
+            if kind == PAC2002 and file_tyres is not None:
+                own = file_tyres.own
+                found[kind] = fit_scaling(data.records, file_tyres.tyres, own, data.body, floor=data.floor)
+                continue
+            starts = [*tyre_starts(kind, data.records, data.body), *_inherited(kind, found)]
             found[kind] = fit_tyres(data.records, kind, data.body, starts, floor=data.floor)
         except ValueError as error:
             raise NotIdentifiable(
-                f"{NAMES[kind].lower()} tyres: {error}: look at the signs and units of the signals with "
+                f"{_in_a_sentence(kind)} tyres: {error}: look at the signs and units of the signals with "
                 "`ident info`"
             ) from error
     return found
@@ -163,10 +199,19 @@ def _inherited(kind: TyreKind, found: Mapping[TyreKind, KindFit]) -> list[dict[s
     return [{**found["brush"].parameters, **bent}]
 
 
+def _in_a_sentence(kind: TyreKind) -> str:
+    return NAMES[kind] if kind == PAC2002 else NAMES[kind].lower()
+
+
 def choose(told: Mapping[TyreKind, float]) -> TyreKind:
-    """The simplest kind whose criterion is within CLEARLY of the best."""
-    best = min(told.values())
-    return next(kind for kind in SIMPLE_FIRST if kind in told and told[kind] <= best + CLEARLY)
+    """The simplest kind whose criterion is within CLEARLY of the best.
+
+    PAC2002 goes on only where no other kind was fitted: its model needs the property file, and what comes
+    after the evaluation does not use such a one.
+    """
+    others = {kind: size for kind, size in told.items() if kind != PAC2002} or told
+    best = min(others.values())
+    return next(kind for kind in SIMPLE_FIRST if kind in others and others[kind] <= best + CLEARLY)
 
 
 def _why(fits: Sequence[TyreFit], chosen: TyreKind) -> str:
@@ -175,8 +220,10 @@ def _why(fits: Sequence[TyreFit], chosen: TyreKind) -> str:
     if not others:
         return "the only kind that was fitted"
     best = by_kind[chosen].criterion
-    told = ", ".join(f"{NAMES[kind].lower()} {by_kind[kind].criterion - best:+.0f}" for kind in others)
-    return f"its information criterion is the least, or the simplest near it: {told} against it"
+    told = ", ".join(f"{_in_a_sentence(kind)} {by_kind[kind].criterion - best:+.0f}" for kind in others)
+    aside = "; PAC2002 goes on only where it alone is asked for (tyres: {kinds: [pac2002]})"
+    least = f"its information criterion is the least, or the simplest near it: {told} against it"
+    return least + (aside if PAC2002 in by_kind else "")
 
 
 def _result(
@@ -372,6 +419,7 @@ def _model_part(data: TyreData, result: TyresResult, found: KindFit, known: Unce
         "tyres": {
             "kind": own.kind,
             **{axle: {k: _value(v) for k, v in getattr(own, axle).items()} for axle in AXLES},
+            "property_files": result.property_files if own.kind == PAC2002 else None,
         },
         "effects": [_effect_part(one) for one in result.nuisance],
         "noise": {

@@ -125,6 +125,11 @@ def sensor_noise(noise: SignalNoise) -> SignalNoise:
 
 def tyre_parameters(tyres: TyresPart, source: str) -> dict[str, float]:
     """Parameters of both axles by their names in the bicycle."""
+    if tyres.kind not in TYRES:
+        raise NotIdentifiable(
+            f"{source}: its tyres are those of a property file ({tyres.kind}), need one of "
+            f"{', '.join(TYRES)}: run `ident tyres` with such kinds"
+        )
     axles = {"front": tyres.front, "rear": tyres.rear}
     return {
         f"{axle}.{name}": _known(axles[axle].get(name), f"tyres.{axle}.{name}", source)
@@ -136,13 +141,14 @@ def tyre_parameters(tyres: TyresPart, source: str) -> dict[str, float]:
 def other_models(truck: Truck, fits: Sequence[TyreFit]) -> dict[str, Truck]:
     """The same truck with other models of its tyres: those that were fitted, and what its own one implies.
 
-    Without other fits there are the kinematic bicycle and the one with linear tyres of the same stiffness.
+    Tyres of a property file are left out: no truck is simulated with them. Without other fits there are the
+    kinematic bicycle and the one with linear tyres of the same stiffness.
     """
     made = {KINEMATIC: replace(truck, model=KINEMATIC, effects={})}
     linear = {name: value for name, value in truck.parameters.items() if _of_linear(name)}
     made[LINEAR] = replace(truck, model=LINEAR, parameters=linear, effects={})
     for fit in fits:
-        parameters = _fitted(fit)
+        parameters = _fitted(fit) if fit.kind in TYRES else None
         if parameters is not None:
             body = {name: truck.parameters[name] for name in BODY}
             made[fit.kind] = replace(truck, model=fit.kind, parameters={**body, **parameters}, effects={})

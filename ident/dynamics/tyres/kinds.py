@@ -18,6 +18,11 @@ def tyre_of(kind: str | Tyre) -> Tyre:
     return kind if isinstance(kind, Tyre) else TYRES[kind]
 
 
+def by_name(tyre: Tyre) -> str | Tyre:
+    """Name of a tyre that its kind alone describes, so that its model is derived once; else the tyre."""
+    return tyre.kind if TYRES.get(tyre.kind) == tyre else tyre
+
+
 def axle_force(
     kind: str, slip_angle: Array, values: Mapping[str, float], vertical_load: float = 0.0
 ) -> tuple[Array, Array]:

@@ -49,6 +49,19 @@ class Tyre:
         return self.lateral_force(slip_angle, vertical_load, **own)
 
 
+@dataclass(frozen=True)
+class Stiffness:
+    """Cornering stiffness of an axle, the slope of its force at zero slip, and how it moves.
+
+    value : [N/rad]; by_parameter : (k,) derivatives, in the order of ``Tyre.parameters``
+    by_load : derivative to the load of the axle [1/rad]
+    """
+
+    value: float
+    by_parameter: Array
+    by_load: float
+
+
 @cache
 def _evaluated(tyre: Tyre) -> Callable[..., list[Array]]:
     """Force, its slope to the slip angle and its derivatives to the parameters, as NumPy function."""
@@ -85,3 +98,31 @@ def evaluate(
         found = _evaluated(tyre)(slip_angle, vertical_load, *numbers)
     force, slope, *columns = (np.broadcast_to(part, slip_angle.shape).astype(np.float64) for part in found)
     return force, slope, np.stack(columns, axis=-1)
+
+
+@cache
+def _slope_at_zero(tyre: Tyre) -> Callable[..., list[float]]:
+    """Slope of the force at zero slip and its derivatives to load and parameters, as function."""
+    slip, load = symbol("slip_angle"), symbol("vertical_load")
+    own = [symbol(name) for name in tyre.names]
+    force = tyre.lateral_force(slip, load, **dict(zip(tyre.names, own, strict=True)))
+    slope = sympy.diff(force, slip).subs(slip, 0)
+    wanted = [slope, *(sympy.diff(slope, to) for to in (load, *own))]
+    function: Callable[..., list[float]] = sympy.lambdify(
+        [load, *own], wanted, [{"np": np}], printer=ArrayPrinter({}), cse=True
+    )
+    return function
+
+
+def stiffness(tyre: Tyre, values: Mapping[str, float], vertical_load: float = 0.0) -> Stiffness:
+    """Cornering stiffness of an axle from the same expression that the models use.
+
+    Parameters
+    ----------
+    values : parameter name -> value
+    vertical_load : of the axle [N]; kinds whose parameters are those of one load do not use it
+    """
+    numbers = [np.float64(values[name]) for name in tyre.names]
+    with np.errstate(all="ignore"):
+        value, by_load, *by_parameter = _slope_at_zero(tyre)(np.float64(vertical_load), *numbers)
+    return Stiffness(float(value), np.array(by_parameter, dtype=np.float64), float(by_load))

@@ -23,7 +23,7 @@ ROOM = 1.25
 CELLS = (130, 90)
 """Of points that fall into one cell of so many across and high, one is drawn."""
 NORMAL_95 = 1.96
-OTHERS = ("other_1", "other_2", "other_3")
+OTHERS = ("other_1", "other_2", "other_3", "other_4")
 HOVER = "%{y:.2f} kN at %{x:.1f} mrad"
 POINT_HOVER = HOVER + ", |lateral acceleration| %{customdata:.2f} m/s²"
 
