@@ -36,7 +36,7 @@ from ident.estimation.kalman import Filtered, LinearSystem, filtered, smoothed
 from ident.estimation.noise import AutoRegression, NoiseModel
 from ident.estimation.smooth_motion import usual_inertia
 from ident.estimation.tyre_fit import Body
-from ident.estimation.vehicle_records import MotionRecord
+from ident.estimation.vehicle_records import MotionRecord, cut
 
 Array = NDArray[np.float64]
 
@@ -44,6 +44,7 @@ SLOWEST, FASTEST = 1e-3, 1e3  # q [s^-1.5]
 STILL = 3e-3  # q below which the forces do not change
 LEVEL = float(norm.ppf(0.975))
 BLOCK = 0.25  # [s]
+PIECE, SEARCHED = 300.0, 900.0  # [s] a record is cut into; of all records by which the rate is found
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def observe_forces(
     noise: Mapping[str, NoiseModel],
     *,
     yaw_inertia: float | None = None,
-    bias: Mapping[str, float] | None = None,
+    bias: Mapping[int, Mapping[str, float]] | None = None,
     rate: float | None = None,
 ) -> ObservedForces:
     """Observe the forces of both axles in records of uninterrupted motion.
@@ -107,8 +108,8 @@ def observe_forces(
     ----------
     noise : of the sensors, of each signal in ``MEASURED`` that is to be used; the others are not
     yaw_inertia : [kg m²]; None: as stated for the body, else m l_f l_r
-    bias : signal -> what is subtracted from it; "steering_offset" -> what is added to the road-wheel angle;
-        "lateral_velocity_by_speed" -> what, times the speed, is subtracted from the lateral velocity
+    bias : run -> signal -> what is subtracted from it; "steering_offset" -> what is added to the road-wheel
+        angle; "lateral_velocity_by_speed" -> what, times the speed, is subtracted from the lateral velocity
     rate : q where it is known; None: by maximum likelihood of the innovations of all records
 
     Raises
@@ -118,17 +119,15 @@ def observe_forces(
         forces do not change by more than the noise of the sensors.
     """
     used = [name for name in MEASURED if name in noise]
-    known = [record for record in records if _observable(record, used)]
+    known = [part for record in records if _observable(record, used) for part in cut(record, PIECE)]
     if not known:
         raise NotIdentifiable(_missing(records, used))
     inertia = usual_inertia(body) if yaw_inertia is None else yaw_inertia
     vehicle = ForceVehicle(body, inertia, bias or {}, {name: _white(noise[name]) for name in used})
-    problems = [vehicle.problem(record) for record in known]
     if rate is None:
-        rate = most_likely_rate([one.system for one in problems])
-    runs = [filtered(one.system, rate**2) for one in problems]
-    parts = [_observed(one, found) for one, found in zip(problems, runs, strict=True)]
-    rows = [np.concatenate(columns) for columns in zip(*parts, strict=True)]
+        rate = most_likely_rate([vehicle.problem(record).system for record in _some(known)])
+    parts = [_piece(vehicle.problem(record), rate) for record in known]
+    rows = [np.concatenate(columns) for columns in zip(*(part.rows for part in parts), strict=True)]
     counts = [record.times.size for record in known]
     return ObservedForces(
         run=np.repeat([record.run for record in known], counts).astype(np.intp),
@@ -140,7 +139,7 @@ def observe_forces(
         yaw_rate=rows[4],
         lateral_velocity=rows[5],
         rate=rate,
-        consistency=_consistency(used, problems, runs),
+        consistency=_consistency(used, [part.blocks for part in parts]),
     )
 
 
@@ -167,6 +166,12 @@ def most_likely_rate(systems: Sequence[LinearSystem]) -> float:
     return rate
 
 
+def _some(records: Sequence[MotionRecord]) -> list[MotionRecord]:
+    """Records evenly from all of them, together about ``SEARCHED`` seconds or all there are."""
+    seconds = sum(float(record.times[-1] - record.times[0]) for record in records)
+    return list(records[:: max(1, int(np.ceil(seconds / SEARCHED)))])
+
+
 def _observable(record: MotionRecord, used: Sequence[str]) -> bool:
     own = [name for name in used if is_measured(record, name)]
     return "yaw_rate" in own and len(own) > 1
@@ -187,6 +192,24 @@ def _white(noise: NoiseModel) -> float:
     return noise.total_std**2
 
 
+@dataclass(frozen=True)
+class _Piece:
+    """What comes of one record.
+
+    rows : columns of ``ObservedForces`` from ``forces`` to ``lateral_velocity``, on its grid
+    blocks : of each signal in use, the normalised innovations of blocks
+    """
+
+    rows: tuple[Array, ...]
+    blocks: list[Array]
+
+
+def _piece(problem: ForceProblem, rate: float) -> _Piece:
+    found = filtered(problem.system, rate**2)
+    columns = range(found.innovations.shape[1])
+    return _Piece(_observed(problem, found), [_blocks(problem, found, column) for column in columns])
+
+
 def _observed(problem: ForceProblem, found: Filtered) -> tuple[Array, ...]:
     """Columns of ``ObservedForces`` from ``forces`` to ``lateral_velocity``, on the grid of the record."""
     states, covariances = (each[problem.grid] for each in smoothed(problem.system, found))
@@ -199,12 +222,9 @@ def _observed(problem: ForceProblem, found: Filtered) -> tuple[Array, ...]:
     return states[:, 2:4], std[:, 2:4], slips, np.sqrt(variance), states[:, 1], states[:, 0]
 
 
-def _consistency(
-    used: Sequence[str], problems: Sequence[ForceProblem], runs: Sequence[Filtered]
-) -> dict[str, Consistency]:
+def _consistency(used: Sequence[str], parts: Sequence[Sequence[Array]]) -> dict[str, Consistency]:
     made = {}
-    for column, name in enumerate(used):
-        blocks = [_blocks(one, found, column) for one, found in zip(problems, runs, strict=True)]
+    for name, blocks in zip(used, zip(*parts, strict=True), strict=True):
         squares = np.concatenate(blocks) ** 2
         if squares.size:
             low, high = (float(chi2.ppf(level, squares.size)) / squares.size for level in (0.005, 0.995))

@@ -75,7 +75,7 @@ class ForceVehicle:
 
     body: Body
     yaw_inertia: float
-    bias: Mapping[str, float]
+    bias: Mapping[int, Mapping[str, float]]
     variances: Mapping[str, float]
 
     def problem(self, record: MotionRecord) -> ForceProblem:
@@ -111,7 +111,7 @@ class ForceVehicle:
 
     def _inputs(self, record: MotionRecord, stamps: Array) -> Array:
         """(k, 2) road-wheel angle and speed."""
-        angle = record.road_wheel_angle + self.bias.get("steering_offset", 0.0)
+        angle = record.road_wheel_angle + self._bias(record, "steering_offset")
         return np.column_stack([np.interp(stamps, record.times, each) for each in (angle, record.speed)])
 
     def _at(self, record: MotionRecord, name: str, stamps: Array, speed: Array) -> Array:
@@ -119,8 +119,11 @@ class ForceVehicle:
         samples = record.measured.get(name, NOTHING)
         values = np.full(stamps.size, np.nan)
         place = np.searchsorted(stamps, samples.times - SAME_TIME)
-        values[place] = samples.values - self.bias.get(name, 0.0)
-        return values - self.bias.get(f"{name}_by_speed", 0.0) * speed
+        values[place] = samples.values - self._bias(record, name)
+        return values - self._bias(record, f"{name}_by_speed") * speed
+
+    def _bias(self, record: MotionRecord, name: str) -> float:
+        return self.bias.get(record.run, {}).get(name, 0.0)
 
     def _parameters(self, engine: Engine, record: MotionRecord) -> Array:
         body = self.body

@@ -177,7 +177,7 @@ def test_forces_of_the_sample_truck_with_coloured_noise_and_known_biases() -> No
         "lateral_acceleration": 0.035,
     }
     inertia = TRUTH.body.yaw_inertia
-    found = observe_forces(records(), SAMPLE_BODY, noise, yaw_inertia=inertia, bias=bias)
+    found = observe_forces(records(), SAMPLE_BODY, noise, yaw_inertia=inertia, bias={0: bias})
     exact = invert_forces(records(noisy=False), SAMPLE_BODY, yaw_inertia=inertia)
     inverted = invert_forces(records(), SAMPLE_BODY, yaw_inertia=inertia, bias=bias)
     use = exact.valid & inverted.valid
@@ -271,15 +271,40 @@ def test_a_bias_that_is_told_is_taken_out() -> None:
         "lateral_velocity_by_speed": 0.01,
         "steering_offset": 0.003,
     }
-    found = observe_forces([biased], BODY, KNOWN, yaw_inertia=INERTIA, bias=bias)
+    found = observe_forces([biased], BODY, KNOWN, yaw_inertia=INERTIA, bias={0: bias})
     assert found.forces == pytest.approx(observed(6).forces, rel=1e-6, abs=1e-3)
     two = kept(biased, *SIGNALS[:2])
     blind, told = (
-        observe_forces([two], BODY, KNOWN, yaw_inertia=INERTIA, bias=each, rate=found.rate)
+        observe_forces([two], BODY, KNOWN, yaw_inertia=INERTIA, bias={0: each}, rate=found.rate)
         for each in ({}, {"lateral_acceleration": 0.2})
     )
     shift = (blind.forces - told.forces)[100:-100].sum(axis=1)
     assert shift == pytest.approx(0.2 * BODY.mass, rel=0.01)
+
+
+def test_several_runs_have_one_rate_and_biases_of_their_own() -> None:
+    first, second = driven(1)[0], replace(driven(2)[0], run=1)
+    turned = {
+        name: Samples(one.times, one.values + (0.004 if name == "yaw_rate" else 0.0))
+        for name, one in second.measured.items()
+    }
+    both = [first, replace(second, measured=turned)]
+    found = observe_forces(both, BODY, KNOWN, yaw_inertia=INERTIA, bias={1: {"yaw_rate": 0.004}})
+    rates = sorted([observed(1).rate, observed(2).rate])
+    assert rates[0] <= found.rate <= rates[1]
+    for run, truth in ((0, driven(1)[1]), (1, driven(2)[1])):
+        assert rms(found.forces[found.run == run] - truth) < 100.0
+
+
+def test_a_long_record_is_cut_and_a_part_of_it_tells_the_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    record, truth = driven(1)
+    monkeypatch.setattr("ident.estimation.force_observer.PIECE", 5.0)
+    monkeypatch.setattr("ident.estimation.force_observer.SEARCHED", 10.0)
+    found = observe_forces([record], BODY, KNOWN, yaw_inertia=INERTIA)
+    assert np.count_nonzero(np.diff(found.times) == 0.0) == 3
+    assert found.rate == pytest.approx(observed(1).rate, rel=0.5)
+    at = np.searchsorted(record.times, found.times - 1e-9)
+    assert rms(found.forces - truth[at]) < 130.0
 
 
 def test_sensors_that_contradict_each_other_are_told_by_their_innovations() -> None:
