@@ -109,9 +109,11 @@ class VehiclePoint:
     def window_sums(self) -> Array:
         """(w,) whitened sum of squares of each window; infinite where the model has blown up."""
         made = np.square(self._from_start / self.problem.initial_std).sum(axis=1)
-        for name, white in self.white.items():
-            window = self.residuals[name].samples.window
-            made = made + np.bincount(window, weights=white[:, -1] ** 2, minlength=made.size)
+        with np.errstate(all="ignore"):
+            errors = self.problem.errors(self.shared, self.of_runs, self.local)
+            for name, one in errors.items():
+                white = whitened(one, self.noise[name])[:, 0]
+                made = made + np.bincount(one.samples.window, weights=white**2, minlength=made.size)
         return np.asarray(np.nan_to_num(made, nan=np.inf))
 
     def wholly_moved(self, step: Array) -> VehiclePoint:

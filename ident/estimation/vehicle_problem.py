@@ -13,7 +13,7 @@ and turned as a whole (:mod:`ident.estimation.path_parts`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -300,6 +300,24 @@ class VehicleProblem:
             made |= self._turned(made.pop("position_x"), made.pop("position_y"), local)
         return {name: made[name] for name in self.compared}
 
+    def errors(self, shared: Array, of_runs: Array, local: Array) -> dict[str, Residuals]:
+        """Residuals of every compared signal alone, without any derivative."""
+        _, outputs = self.simulate(shared, of_runs, local)
+        made = {}
+        for name in self._wanted:
+            samples, column = self.windows.signals[name], self.engine.outputs.index(name)
+            model = self._placed(name, shared).at(outputs[:, column : column + 1])
+            for number, times in self._terms_of(name):
+                model = model + (times * of_runs[self.windows.run[samples.window], number])[:, None]
+            made[name] = Residuals(samples, samples.values[:, None] - model)
+        if ACROSS in self.compared:
+            x, y = (made.pop(name) for name in POSITION)
+            moved = local[x.samples.window, self.states :]
+            for name, one in self._along_and_across(x.columns, y.columns).items():
+                shift = np.sum(self._anchors[name] * moved, axis=1, keepdims=True)
+                made[name] = Residuals(x.samples, one - shift)
+        return {name: made[name] for name in self.compared}
+
     def probed(
         self, shared: Array, of_runs: Array, local: Array, probes: Sequence[Probe]
     ) -> dict[str, Array]:
@@ -381,17 +399,26 @@ class VehicleProblem:
             by_parameter[:, own_delay] -= placed.slopes(grid[:, :1])[:, 0]
         own = np.zeros((len(at), len(self.run_terms)))
         own[:, self._inner] = by_parameter[:, : len(self._inner)]
-        for number, term in enumerate(self.run_terms):
-            if name in (term.name, term.by_speed_to):
-                times = 1.0 if term.by_speed_to is None else samples.at(self.windows.inputs[:, 1:2])[:, 0]
-                own[:, number] = times
-                model = model + times * of_runs[self.windows.run[samples.window], number]
+        for number, times in self._terms_of(name):
+            own[:, number] = times
+            model = model + times * of_runs[self.windows.run[samples.window], number]
         anchors = np.zeros((len(at), self.anchors))
         slopes = np.array([one.slope(at) for one, at in zip(self.coordinates, shared, strict=True)])
         by_shared = by_parameter[:, len(self._inner) :] * slopes
         return Residuals(
             samples, np.column_stack([by_state, anchors, own, by_shared, samples.values - model])
         )
+
+    def _terms_of(self, name: str) -> Iterator[tuple[int, Array]]:
+        """Terms of the runs that are added to a signal: number and (n,) derivative."""
+        samples = self.windows.signals[name]
+        for number, term in enumerate(self.run_terms):
+            if name in (term.name, term.by_speed_to):
+                speed = term.by_speed_to is not None
+                times = (
+                    samples.at(self.windows.inputs[:, 1:2])[:, 0] if speed else np.ones(samples.times.size)
+                )
+                yield number, times
 
     def with_changed(self, **parts: Any) -> VehicleProblem:
         """The same windows with other ``coordinates``, ``fixed``, ``run_terms`` or ``around``."""

@@ -257,3 +257,13 @@ def test_without_noise_nothing_is_left_of_a_right_model() -> None:
     scores = directions().scores()
     assert scores.power.sum() < 0.2  # of 3162 samples of six signals, in units of their noise
     assert np.abs(scores.scores.sum(axis=0) / np.sqrt(np.maximum(np.diag(scores.gram), 1e-12))).max() < 0.2
+
+
+def test_residuals_alone_are_those_that_come_with_their_derivatives() -> None:
+    point = point_with(*TOGETHER)
+    alone = point.problem.errors(point.shared, point.of_runs, point.local)
+    assert list(alone) == list(point.residuals)
+    for name, one in point.residuals.items():
+        assert alone[name].columns.shape == (one.residual.size, 1)
+        np.testing.assert_allclose(alone[name].residual, one.residual, rtol=0, atol=1e-12)
+    assert point.window_sums.sum() < point.value < np.inf
