@@ -123,7 +123,7 @@ def observe_forces(
     if not known:
         raise NotIdentifiable(_missing(records, used))
     inertia = usual_inertia(body) if yaw_inertia is None else yaw_inertia
-    vehicle = ForceVehicle(body, inertia, bias or {}, {name: _white(noise[name]) for name in used})
+    vehicle = ForceVehicle(body, inertia, bias or {}, {name: white_variance(noise[name]) for name in used})
     if rate is None:
         rate = most_likely_rate([vehicle.problem(record).system for record in _some(known)])
     parts = [_piece(vehicle.problem(record), rate) for record in known]
@@ -185,7 +185,7 @@ def _missing(records: Sequence[MotionRecord], used: Sequence[str]) -> str:
     )
 
 
-def _white(noise: NoiseModel) -> float:
+def white_variance(noise: NoiseModel) -> float:
     """Variance per sample of the white noise that has the density of this one at low frequencies."""
     if isinstance(noise.shape, AutoRegression):
         return float((noise.std / (1 - np.sum(noise.shape.coefficients))) ** 2)

@@ -162,6 +162,30 @@ class ForceComparison:
 
 
 @dataclass(frozen=True)
+class ForceObserver:
+    """Forces of the axles as states of their own, observed from the motion without a tyre model.
+
+    rate : by how much of its load the rate of change of a force wanders, by maximum likelihood [s^-1.5]
+    noise : signal -> standard deviation per sample of the white noise that it was given
+    noise_from : where that comes from, in words
+    half_width : axle -> half the width of the 95 % band, median [N]; of the noise of the sensors alone
+    from_inversion : axle -> rms of its difference from the force inversion [N]
+    from_wheels : axle -> rms of the difference from measured wheel forces, of the "observer" and of the
+        "inversion" at the same instants [N], where they were measured
+    innovations : signal -> [mean, low, high] of the squared innovations over their variance, and where
+        99 % of such means lie if noise and model are right
+    """
+
+    rate: float
+    noise: dict[str, float]
+    noise_from: str
+    half_width: dict[str, float]
+    from_inversion: dict[str, float]
+    from_wheels: dict[str, dict[str, float]]
+    innovations: dict[str, list[float]]
+
+
+@dataclass(frozen=True)
 class TyresResult:
     """`ident tyres`: the axle tyres of the dynamic bicycle.
 
@@ -171,6 +195,7 @@ class TyresResult:
     fixed : what the vehicle file gives, such as the mass
     nuisance : offsets and biases fitted with the tyres
     property_files : those of the vehicle file, where the scaling factors of PAC2002 tyres were fitted
+    observer : None where the motion does not tell the forces of two axles; why is among the warnings
     """
 
     schema_version: str
@@ -196,3 +221,4 @@ class TyresResult:
     warnings: list[str]
     measured_forces: list[ForceComparison] = field(default_factory=list)
     property_files: list[TyreFile] = field(default_factory=list)
+    observer: ForceObserver | None = None

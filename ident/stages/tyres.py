@@ -41,6 +41,7 @@ from ident.stages.tyre_data import GIVEN, TyreData, fixed_values, tyre_data, wit
 from ident.stages.tyre_files import PAC2002, FileTyres, doubts_of_load, read_tyre_files, tyres_of_files
 from ident.stages.tyre_forces import compare_forces
 from ident.stages.tyre_nuisance import nuisance, told_reference
+from ident.stages.tyre_observer import observe
 from ident.stages.tyre_settings import TyresSettings
 from ident.stages.tyre_tables import tyre_tables
 
@@ -90,9 +91,12 @@ def tyres(
     chosen = choose(told)
     result = _result(loaded, context, data, fits, chosen, found[chosen], known[chosen])
     tables = tyre_tables(data, found[chosen], loaded.runs)
+    tables["tyre_forces"], observer, doubts = observe(data, found[chosen], tables["tyre_forces"])
     own = next(fit for fit in fits if fit.kind == chosen)
     compared = compare_forces(own, found[chosen], tables["tyre_forces"], tables["tyres"], loaded.runs)
-    result = replace(result, measured_forces=compared, **_of_files(file_tyres, result, data))
+    warnings = [*result.warnings, *doubts]
+    result = replace(result, measured_forces=compared, observer=observer, warnings=warnings)
+    result = replace(result, **_of_files(file_tyres, result, data))
     return StageOutput(result, tables, _model_part(data, result, found[chosen], known[chosen]))
 
 
@@ -209,7 +213,7 @@ def choose(told: Mapping[TyreKind, float]) -> TyreKind:
     PAC2002 goes on only where no other kind was fitted: its model needs the property file, and what comes
     after the evaluation does not use such a one.
     """
-    others = {kind: size for kind, size in told.items() if kind != PAC2002} or told
+    others: Mapping[TyreKind, float] = {k: size for k, size in told.items() if k != PAC2002} or told
     best = min(others.values())
     return next(kind for kind in SIMPLE_FIRST if kind in others and others[kind] <= best + CLEARLY)
 

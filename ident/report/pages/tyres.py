@@ -20,7 +20,7 @@ from ident.report.page import (
     Text,
     Verdict,
 )
-from ident.report.pages import health, tyre_curves
+from ident.report.pages import health, tyre_curves, tyre_observer
 from ident.report.pages import tyres_figures as figures
 from ident.report.pages import tyres_tables as tables_of
 from ident.report.pages.steering import refusals
@@ -76,7 +76,7 @@ def tyres_page(result: TyresResult, tables: Mapping[str, pd.DataFrame]) -> Page:
         sections=[
             Section("fits", "Kinds of tyres side by side", _fits(result), "Fits"),
             Section("signals", "Measured against simulated", _signals(runs, ranked), "Signals"),
-            *_axle_forces(runs, forces, ranked),
+            *_axle_forces(result, runs, forces, ranked),
             *_measured_forces(result),
             Section("correlation", "Correlation", _correlation(result), "Correlation"),
             Section("fixed", "What was taken as given", tables_of.fixed_values(result), "Given"),
@@ -156,7 +156,7 @@ def _run_figures(rows: pd.DataFrame, drawn: int, *, worst: bool) -> list[Block]:
 
 
 def _axle_forces(
-    runs: dict[str, pd.DataFrame], forces: dict[str, pd.DataFrame], ranked: Sequence[str]
+    result: TyresResult, runs: dict[str, pd.DataFrame], forces: dict[str, pd.DataFrame], ranked: Sequence[str]
 ) -> list[Section]:
     chosen = (
         [("followed best", ranked[0]), ("followed worst", ranked[-1])]
@@ -164,7 +164,12 @@ def _axle_forces(
         else [("run", name) for name in ranked]
     )
     figure: Figure | None = figures.axle_forces(runs, forces, chosen)
-    return [Section("forces", "Axle forces", [figure], "Forces")] if figure else []
+    if figure is None:
+        return []
+    blocks: list[Block] = [figure]
+    if result.observer is not None:
+        blocks += tyre_observer.tables(result.observer)
+    return [Section("forces", "Axle forces", blocks, "Forces")]
 
 
 def _measured_forces(result: TyresResult) -> list[Section]:

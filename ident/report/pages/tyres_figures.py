@@ -12,6 +12,7 @@ from ident.report import figures
 from ident.report.condense import Array, Line, broken, contiguous, thinned
 from ident.report.numbers import count, shorten
 from ident.report.page import Figure
+from ident.report.pages import tyre_observer
 from ident.report.tyre_parameters import AXLES, signal_unit
 from ident.report.tyre_signals import Compared, column, compared, measured_signals, modelled
 
@@ -127,6 +128,8 @@ def axle_forces(
     layout = figures.Layout(columns=len(drawn), row_height=205, share_x=True, gap=66)
     spec, height = figures.grid(panels, layout)
     caption = "From the motion: force inversion of the measured accelerations. Modelled: the chosen tyres."
+    if any(tyre_observer.is_observed(forces[name]) for _, name in drawn):
+        caption = f"{caption} {tyre_observer.CAPTION}"
     return Figure(spec, height, "Lateral forces of the axles", caption)
 
 
@@ -135,6 +138,7 @@ def _force_panel(
 ) -> figures.Panel:
     own = points[points["axle"] == axle]
     traces = [
+        *tyre_observer.traces(own),
         figures.line(_kilo(_line(own, "force")), "measured", "from the motion", unit="kN", width=2.4),
         figures.line(
             _kilo(modelled(rows, f"{axle}_lateral_force")), "modelled", "modelled", unit="kN", width=1.5
