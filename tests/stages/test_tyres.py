@@ -220,3 +220,24 @@ def test_without_the_mass_nothing_is_fitted(tmp_path):
     (logs / "vehicle.yaml").write_text(text, encoding="utf-8")
     with pytest.raises(NotIdentifiable, match="the vehicle file lacks mass"):
         stage(logs)
+
+
+@pytest.mark.parametrize("axle", ["front", "rear"])
+def test_observed_forces_stand_beside_the_inversion_nearer_to_the_fitted_tyres(planar, chosen, axle):
+    """The fit holds the truth: its forces, all runs by one tyre, are the nearest to it there are."""
+    told, forces, motion = planar.result.observer, planar.tables["tyre_forces"], planar.tables["tyres"]
+    own = forces[forces["axle"] == axle]
+    assert own["observed_force"].notna().mean() > 0.99
+    inverted, observed, inside = [], [], []
+    for name, rows in own.groupby("run", observed=True):
+        model = motion[motion["run"] == name]
+        truth = np.interp(rows["time"], model["time"], model[f"{axle}_lateral_force"])
+        inverted.append(rows["force"] - truth)
+        observed.append(rows["observed_force"] - truth)
+        inside.append(np.abs(observed[-1]) <= 1.96 * rows["observed_std"])
+    sizes = [np.sqrt(np.mean(np.concatenate(each) ** 2)) for each in (inverted, observed)]
+    assert sizes[1] < 0.85 * sizes[0]
+    assert np.mean(np.concatenate(inside)) > 0.9
+    assert told.half_width[axle] == pytest.approx(1.96 * own["observed_std"].median(), rel=1e-3)
+    assert set(told.innovations) == {"yaw_rate", "lateral_acceleration", "lateral_velocity"}
+    assert told.from_wheels == {}
