@@ -10,6 +10,8 @@ costs least over all is told beside what is in use.
 
 A regulator takes its weights from the acceptable deviations; for it, what is told is the largest dead time
 beside the estimate with which it keeps the tuning path, were the steering's deviations larger or smaller.
+For the MPC on the kinematic model it is the cost by its acceptable heading error, beside that of the MPC
+that knows the tyres.
 """
 
 from __future__ import annotations
@@ -26,7 +28,13 @@ import numpy as np
 from ident.control.closed_loop import ClosedLoop, Disturbance, run
 from ident.control.controllers import CONTROLLERS
 from ident.control.controllers.controller import Controller
-from ident.control.controllers.weights import ACCEPTABLE, PID_GAINS, PURE_PURSUIT_GAINS, STANLEY_GAINS
+from ident.control.controllers.weights import (
+    ACCEPTABLE,
+    PID_GAINS,
+    PURE_PURSUIT_GAINS,
+    STANLEY_GAINS,
+    weights_of,
+)
 from ident.control.paths import lane_change_length, single_lane_change
 from ident.control.plant import Plant
 from ident.control.reference import Reference
@@ -42,6 +50,8 @@ COUNTED = ("lateral_error", "heading_error", "steering_rate", "steering_request"
 CHOSEN = {"pid": PID_GAINS, "pure_pursuit": PURE_PURSUIT_GAINS, "stanley": STANLEY_GAINS}
 FACTORS = (0.5, 1.0, 2.0, 4.0)  # of the steering's acceptable deviations
 DELAYS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3)  # [s]
+HEADINGS = tuple(ACCEPTABLE["heading_error"] / 2.0 ** (0.5 * step) for step in range(5))  # [rad]
+KINEMATIC, DYNAMIC = "mpc_time_kinematic", "mpc_time"
 FIXED = ("softening_speed", "shortest_look_ahead", "integral_time")  # matter at low speed, or slowly
 
 TRUCK = Truck(
@@ -154,6 +164,13 @@ def margin(factor: float) -> float:
     return held
 
 
+def damped() -> dict[str, float]:
+    """Cost of the MPC without tyres by its acceptable heading error, and of the one with."""
+    own = weights_of(KINEMATIC)
+    told = {f"{size:.4f}": cost_of(KINEMATIC, own | {"heading_error": size}) for size in HEADINGS}
+    return told | {DYNAMIC: cost_of(DYNAMIC, weights_of(DYNAMIC))}
+
+
 def searched(name: str, count: int, seed: int) -> dict[str, object]:
     """What is in use and what costs least."""
     tried = candidates(name, count, seed)
@@ -168,14 +185,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="gains of the controllers")
     parser.add_argument("--candidates", type=int, default=12)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--only", choices=[*CHOSEN, "lqr"], nargs="*", default=[*CHOSEN, "lqr"])
+    every = [*CHOSEN, "lqr", KINEMATIC]
+    parser.add_argument("--only", choices=every, nargs="*", default=every)
     parser.add_argument("--out", type=Path, default=Path("studies/results/controller_weights.json"))
     asked = parser.parse_args()
     told: dict[str, object] = json.loads(asked.out.read_text()) if asked.out.exists() else {}
-    told |= {name: searched(name, asked.candidates, asked.seed) for name in asked.only if name != "lqr"}
+    told |= {name: searched(name, asked.candidates, asked.seed) for name in asked.only if name in CHOSEN}
     if "lqr" in asked.only:
         told["lqr"] = {f"{factor:g}": margin(factor) for factor in FACTORS}
         print("lqr: dead time held, by factor of the steering's deviations", told["lqr"], flush=True)
+    if KINEMATIC in asked.only:
+        told[KINEMATIC] = damped()
+        print("kinematic MPC: cost by acceptable heading error", told[KINEMATIC], flush=True)
     asked.out.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
 
 

@@ -18,7 +18,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.control.closed_loop import ClosedLoop
+from ident.control.closed_loop import ClosedLoop, Outcome
 from ident.control.truck import Truck
 from ident.results.validate import ClosedLoopRun, ControllerName, ScenarioName
 
@@ -94,6 +94,16 @@ def model_name(truck: Truck) -> str:
     return "+".join([truck.model, *truck.effects])
 
 
+LOST: dict[Outcome, str] = {
+    "left_the_lane": "left the lane",
+    "folded": "came to the centre of the path's curvature",
+    "blew_up": "its motion is no longer one of a truck",
+    "too_late": "took far longer than stipulated",
+    "no_command": "the command is no number",
+}
+"""Outcome of a run that did not come to the end of the path -> how it is told."""
+
+
 def told(loop: ClosedLoop, label: Label, limits: Limits | None = None) -> ClosedLoopRun:
     """A run as the results tell it; the start is told only where it was disturbed."""
     start = {name: getattr(loop.disturbance, name) for name in loop.disturbance.__dataclass_fields__}
@@ -107,6 +117,7 @@ def told(loop: ClosedLoop, label: Label, limits: Limits | None = None) -> Closed
         simulation_model=label.simulation_model,
         scenario_run=label.scenario_run,
         seed=label.seed,
+        lost=LOST.get(loop.outcome),
         **vars(measure(loop, limits)),
     )
 

@@ -24,7 +24,7 @@ from ident.report.validated import (
     shown_score,
     simulated_name,
 )
-from ident.results.validate import ValidateResult
+from ident.results.validate import ClosedLoopRun, ValidateResult
 
 MOST_LINES = 8
 STAR = "*"
@@ -95,10 +95,15 @@ def _worst_lines(result: ValidateResult) -> list[str]:
     if result.worst is None or not 0 <= result.worst < len(result.runs):
         return []
     run = result.runs[result.worst]
-    said = f"largest error {significant(run.lateral_error_max)} m" if run.completed else "path lost"
+    said = _lost_text(run) or f"largest error {significant(run.lateral_error_max)} m"
     lost = sum(not one.completed for one in result.runs)
     driven = f"driven: {count(len(result.runs), 'closed loop')}, {lost} lost their path"
     return [_words(driven), f"worst: {plain(_words(run_title(run)))}: {said}"]
+
+
+def _lost_text(run: ClosedLoopRun) -> str | None:
+    """Say how a run lost its path, None where it did not."""
+    return None if run.completed else f"path lost: {run.lost}" if run.lost else "path lost"
 
 
 def _margin_lines(result: ValidateResult) -> list[str]:

@@ -33,7 +33,7 @@ class ClosedLoopRun:
         "speed": 1.0 [m/s]} at the start, and mismatch of the simulated truck such as {"mass": 0.3} (relative)
         or {"dead_time": 0.1} (absolute, SI)
     prediction_model, simulation_model : kinematic or the kind of tyres, "+" and its effects
-    completed : whether the truck came to the end of the path
+    completed : whether the truck came to the end of the path; lost : how it did not, None where it did
     lateral_error_rms, _p95, _max, _settled : of the tracked point [m]; settled: mean of the last stretch
     heading_error_rms : [rad]
     arrival_time_error : when it came to the end less the stipulated time [s]; None where it did not
@@ -75,6 +75,7 @@ class ClosedLoopRun:
     deadline_misses: int
     scenario_run: str | None = None
     seed: int | None = None
+    lost: str | None = None
 
 
 @dataclass(frozen=True)

@@ -149,7 +149,13 @@ def _result(
         weights={name: weights_of(name) for name in order},
         health=[run.health for run in loaded.runs],
         refused=refused,
-        warnings=[*loaded.warnings, *setup.warnings, *_notes(table), *beyond_the_data(valid, runs)],
+        warnings=[
+            *loaded.warnings,
+            *setup.warnings,
+            *logged.warnings,
+            *_notes(table),
+            *beyond_the_data(valid, runs),
+        ],
     )
 
 

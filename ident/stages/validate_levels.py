@@ -38,6 +38,11 @@ class Logged:
     runs: list[FollowedRun] = field(default_factory=list)
     stretches: list[LoggedStretch] = field(default_factory=list)
 
+    @property
+    def warnings(self) -> list[str]:
+        """What is told of the paths that were followed."""
+        return [f"{one.run}, path: {text}" for one in self.stretches for text in one.lost]
+
     def besides(self, setup: Setup) -> list[Beside]:
         """What is to be driven beside the logged controllers."""
         settings, noise = setup.settings, setup.subject.truck.noise

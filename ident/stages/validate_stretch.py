@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.control.controllers.controller import Measured
-from ident.control.path_log import path_of_log, reference_of_log
+from ident.control.path_log import LoggedPath, path_of_log, reference_of_log
 from ident.control.reference import Reference
 from ident.control.tracking import project
 from ident.errors import BadRecipe, NotIdentifiable
@@ -31,6 +31,7 @@ class LoggedStretch:
 
     part : number of the stretch in its run
     reference : path that was followed, for the model that controllers are designed with
+    lost : what was left out of that path, in words
     cycles : (m,) [s since the start of the run]; measured : state at each
     request : (m,) of the logged controller [rad]; acceleration : (m,) [m/s²]
     x, y, heading : (m,) of the point that the path is of [m], [rad]
@@ -40,6 +41,7 @@ class LoggedStretch:
     run: str
     part: int
     reference: Reference
+    lost: tuple[str, ...]
     cycles: Array
     measured: tuple[Measured, ...]
     request: Array
@@ -72,7 +74,8 @@ def stretches_of(
 def _stretch(
     run: Run, part: int, record: MotionRecord, truck: Believed, period: float, rear_arm: float
 ) -> LoggedStretch:
-    reference = _reference(run, record, truck)
+    logged = _path(run, record)
+    reference = reference_of_log(logged, truck.truck, tracked_x=record.reference_x)
     cycles = np.arange(record.times[0], record.times[-1], period)
     at = {name: np.interp(cycles, one.times, one.values) for name, one in record.measured.items()}
     speed = np.interp(cycles, record.times, record.speed)
@@ -87,6 +90,7 @@ def _stretch(
         run=run.name,
         part=part,
         reference=reference,
+        lost=logged.lost,
         cycles=cycles,
         measured=measured,
         request=request.values[sent],
@@ -100,8 +104,11 @@ def _stretch(
     )
 
 
-def _reference(run: Run, record: MotionRecord, truck: Believed) -> Reference:
-    """The path that the run says it followed, at the speeds that it says, or else drove."""
+def _path(run: Run, record: MotionRecord) -> LoggedPath:
+    """The path that the run says it followed, at the speeds that it says, or else drove.
+
+    Whether it leads forwards is told by its own heading, or else by that of the truck.
+    """
     x, y = run.signals["reference_x"], run.signals["reference_y"]
     own = slice(*np.searchsorted(x.time, [record.times[0], record.times[-1]]))
     times = x.time[own]
@@ -110,8 +117,17 @@ def _reference(run: Run, record: MotionRecord, truck: Believed) -> Reference:
     if wanted is not None:
         speed = np.interp(times, wanted.time, wanted.values)
     across = np.interp(times, y.time, y.values)
-    logged = path_of_log(run.name, x.values[own], across, speed)
-    return reference_of_log(logged, truck.truck, tracked_x=record.reference_x)
+    return path_of_log(run.name, x.values[own], across, speed, heading=_heading(run, record, times))
+
+
+def _heading(run: Run, record: MotionRecord, times: Array) -> Array:
+    """(n,) heading of the path at these times [rad]; unwrapped, so that nothing turns between two samples."""
+    wanted = run.signals.get("reference_heading")
+    if wanted is None:
+        measured = record.measured["heading"]
+        return np.asarray(np.interp(times, measured.times, measured.values))
+    known = np.isfinite(wanted.values)
+    return np.asarray(np.interp(times, wanted.time[known], np.unwrap(wanted.values[known])))
 
 
 def _measured(

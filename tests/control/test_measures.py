@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
 from bench_case import Held, Steers, circle, direct, straight, truck
 
-from ident.control.closed_loop import Disturbance, run
+from ident.control.closed_loop import Disturbance, Outcome, Settings, run
 from ident.control.measures import (
+    LOST,
     Label,
     Limits,
     measure,
@@ -135,3 +137,14 @@ def test_a_run_is_told_with_its_start_and_its_mismatch():
     assert run_told.arrival_time_error == pytest.approx(loop.arrival_time - 5.0)
     assert run_told.lateral_error_max == pytest.approx(0.5, abs=1e-6)
     assert run_told.seed == 4
+    assert run_told.lost is None
+
+
+def test_how_a_path_was_lost_is_told():
+    label = Label("single_lane_change", 20.0, "linear", "linear")
+    gone = run(Plant(truck()), Steers(), straight(20.0, 100.0), Disturbance(lateral_error=3.0))
+    assert told(gone, label).lost == "left the lane"
+    inwards, wide = Disturbance(heading_error=np.pi / 2), Settings(lateral_limit=50.0)
+    folded = run(Plant(truck("kinematic")), Held(), circle(0.2, 5.0, 60.0), inwards, wide)
+    assert told(folded, label).lost == "came to the centre of the path's curvature"
+    assert set(LOST) == set(get_args(Outcome)) - {"completed"}

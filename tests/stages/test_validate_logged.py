@@ -19,6 +19,7 @@ from ident.results import LoggedLevel
 from ident.signals.run import LoadedLogs
 from ident.stages.inputs import InputSettings, load
 from ident.stages.output import Context
+from ident.stages.validate_levels import Logged
 from ident.stages.validate_logged import open_levels
 from ident.stages.validate_logged_data import followed_runs
 from ident.stages.validate_settings import ACCEPTABLE
@@ -87,6 +88,34 @@ def test_the_logged_path_and_errors_are_those_of_the_rear_axle(logs: LoadedLogs,
     assert np.allclose(stretch.lateral_error[inner], across[inner], atol=0.05)
 
 
+def test_a_path_that_leads_backwards_is_refused(logs: LoadedLogs, tmp_path: Path) -> None:
+    truck = truck_of(tmp_path)
+    (followed,), _ = followed_runs(logs, InputSettings().align, None, truck)
+    signals = dict(followed.run.signals)
+    wanted = signals["reference_heading"]
+    signals["reference_heading"] = replace(wanted, values=wanted.values + np.pi)
+    back = replace(followed, run=replace(followed.run, signals=signals))
+    made, refused = stretches_of(back, truck, PERIOD)
+    assert made == []
+    assert len(refused) == 2
+    assert all("m backwards: take another run" in one.reason for one in refused)
+
+
+def test_points_of_the_path_without_a_number_are_told(logs: LoadedLogs, tmp_path: Path) -> None:
+    truck = truck_of(tmp_path)
+    (followed,), _ = followed_runs(logs, InputSettings().align, None, truck)
+    signals = dict(followed.run.signals)
+    values = signals["reference_x"].values.copy()
+    values[values.size // 4 : values.size // 4 + 3] = np.nan
+    signals["reference_x"] = replace(signals["reference_x"], values=values)
+    holed = replace(followed, run=replace(followed.run, signals=signals))
+    made, _ = stretches_of(holed, truck, PERIOD)
+    assert any("3 of " in text and "points without a number" in text for one in made for text in one.lost)
+    told = Logged(stretches=made).warnings
+    assert len(told) == sum(len(one.lost) for one in made)
+    assert all(text.startswith(f"{followed.run.name}, path: ") for text in told)
+
+
 @pytest.fixture(scope="module")
 def own_log(tmp_path_factory: pytest.TempPathFactory) -> tuple[Believed, LoggedStretch]:
     """A log whose controller, truck and path are known: Stanley in a slalom."""
@@ -105,7 +134,7 @@ def own_log(tmp_path_factory: pytest.TempPathFactory) -> tuple[Believed, LoggedS
     acceleration = np.array([one.acceleration_request for one in course.commands])
     place = at["position_x"], at["position_y"], at["heading"]
     return truck, LoggedStretch(
-        "own", 0, path, course.cycles, course.measured, request, acceleration, *place, *errors
+        "own", 0, path, (), course.cycles, course.measured, request, acceleration, *place, *errors
     )
 
 

@@ -42,7 +42,10 @@ Array = NDArray[np.float64]
 
 DRIFTS = ("drift", "turn_drift")
 PATIENCE = 10  # cycles that a plan is followed on without a new one
-SLACK_LINEAR, SLACK_QUADRATIC = 20.0, 20.0  # [1/m], [1/m²] price of leaving the lane; see ``qp``
+SLACK_LINEAR, SLACK_QUADRATIC = (
+    1.0,
+    1.0,
+)  # [1/m], [1/m²] a step: a metre beside the lane costs as its edge does
 
 
 @dataclass(frozen=True)

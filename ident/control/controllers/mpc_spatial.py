@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from ident.control.controllers.mpc_controller import Mpc, Settings
-from ident.control.controllers.weights import ACCEPTABLE
+from ident.control.controllers.weights import ACCEPTABLE, weights_of
 from ident.control.prediction import Prediction
 from ident.control.qp import QuadraticProgram
 from ident.control.truck import Truck
@@ -49,7 +49,8 @@ def mpc_spatial_rate(
     steering_rate : of the road wheels [rad/s]; where None, the truck's own, else ``COMFORTABLE_RATE``
     """
     rate = own_rate(truck) if steering_rate is None else steering_rate
-    settings = Settings("space", steering_rate=rate, acceptable=ACCEPTABLE if weights is None else weights)
+    acceptable = weights_of("mpc_spatial_rate") if weights is None else weights
+    settings = Settings("space", steering_rate=rate, acceptable=acceptable)
     return Mpc("mpc_spatial_rate", truck, period, settings, keep=keep)
 
 

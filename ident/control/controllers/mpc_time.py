@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from ident.control.controllers.mpc_controller import Mpc, Settings
-from ident.control.controllers.weights import ACCEPTABLE
+from ident.control.controllers.weights import ACCEPTABLE, weights_of
 from ident.control.prediction import KINEMATIC
 from ident.control.qp import QuadraticProgram
 from ident.control.truck import Truck
@@ -40,6 +40,6 @@ def mpc_time_kinematic(
     """
     effects = {name: truck.effects[name] for name in KINEMATIC_EFFECTS if name in truck.effects}
     believed = replace(truck, model=KINEMATIC, effects=effects)
-    acceptable = ACCEPTABLE if weights is None else weights
+    acceptable = weights_of("mpc_time_kinematic") if weights is None else weights
     settings = Settings("time", slowness=LASTING, acceptable=acceptable)
     return Mpc("mpc_time_kinematic", believed, period, settings, keep=keep)

@@ -6,7 +6,13 @@ over the square of its acceptable deviation, so that all are counted in the same
     J = Σ (e_y/0.25 m)² + (e_ψ/0.05 rad)² + (δ̇/0.1 rad/s)² + ((δ - δ_ref)/0.03 rad)² + ...
 
 A controller that minimises a cost (LQR, MPC) takes these weights as they are. One that has gains instead
-(PID, pure pursuit, Stanley) takes those that cost least by the same rule.
+(PID, pure pursuit, Stanley) takes those that cost least by the same rule. Two MPCs accept less than others:
+
+- on the kinematic model, which does not see the lag of the tyres and would swing, less of a heading error:
+  the largest of a series by half powers of two with which it costs no more, on the tuning scenarios, than the
+  MPC that knows the tyres
+- with a limit of the steering's rate, less of that rate, a quarter of the limit: a plan that turns at the
+  limit for long is lost where the steering answers 0.1 s later than believed
 
 **The numbers.** A quarter of a metre and 0.05 rad (3°) are what a truck in a lane of 3.5 m has to spare. Of
 the steering's deviations the largest were taken with which the LQR keeps a lane change of 3 m at 25 m/s
@@ -66,11 +72,16 @@ STANLEY_GAINS: Mapping[str, float] = {
     "yaw_rate_gain": 0.09,  # [s]
 }
 
+KINEMATIC_HEADING = ACCEPTABLE["heading_error"] / 2.0**1.5  # [rad] acceptable, of the MPC without tyres
+LIMITED_RATE = 0.05  # [rad/s] acceptable, of the request of the MPC that keeps a limit of 0.2 rad/s
+
 WEIGHTS: Mapping[str, Mapping[str, float]] = {
     "pid": PID_GAINS,
     "pure_pursuit": PURE_PURSUIT_GAINS,
     "stanley": STANLEY_GAINS,
     "lqr": {name: ACCEPTABLE[name] for name in OF_LQR},
+    "mpc_time_kinematic": {name: ACCEPTABLE[name] for name in OF_MPC} | {"heading_error": KINEMATIC_HEADING},
+    "mpc_spatial_rate": {name: ACCEPTABLE[name] for name in OF_MPC} | {"steering_request_rate": LIMITED_RATE},
 }
 
 

@@ -202,7 +202,11 @@ def _score_entry(cell: Cell, measure: str) -> Entry:
 def run_facts(run: ClosedLoopRun) -> Facts:
     """Give the measures of one run."""
     late = NONE if run.arrival_time_error is None else f"{rounded(run.arrival_time_error, 3)}\u00a0s"
-    came = Entry("yes", tone="good") if run.completed else Entry("no: the path was lost", tone="bad")
+    came = (
+        Entry("yes", tone="good")
+        if run.completed
+        else Entry(f"no: {run.lost or 'the path was lost'}", tone="bad")
+    )
     cycles = f"{run.violations} beyond a limit, {run.infeasible} without a solution"
     return Facts(
         [

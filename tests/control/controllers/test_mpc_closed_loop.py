@@ -12,6 +12,7 @@ from bench_case import STEERING, straight, truck
 from ident.control.closed_loop import Disturbance, run
 from ident.control.controllers import CONTROLLERS
 from ident.control.controllers.mpc_spatial import mpc_spatial_rate
+from ident.control.controllers.weights import weights_of
 from ident.control.paths import lane_change_length, single_lane_change
 from ident.control.plant import Plant
 from ident.control.scenarios import reference
@@ -43,8 +44,8 @@ def late(seconds, **changes):
 def test_without_mismatch_the_path_is_kept_within_centimetres(controllers, road, name):
     loop = run(late(0.0), controllers[name], road)
     assert loop.completed
-    assert np.abs(loop.lateral_error).max() < 0.07
-    assert np.abs(loop.lateral_error[-20:]).max() < 0.02
+    assert np.abs(loop.lateral_error).max() < (0.15 if name == "mpc_spatial_rate" else 0.07)
+    assert np.abs(loop.lateral_error[-20:]).max() < 0.03
     assert abs(loop.arrival_time - road.time[-1]) < 0.02
     assert all(told.solved for told in loop.diagnostics)
 
@@ -52,10 +53,22 @@ def test_without_mismatch_the_path_is_kept_within_centimetres(controllers, road,
 @pytest.mark.parametrize("name", [*DYNAMIC, "mpc_time_kinematic"])
 def test_a_dead_time_beside_the_estimate_does_not_lose_the_path(controllers, road, name):
     loop = run(late(0.1), controllers[name], road)
-    allowed = 0.75 if name == "mpc_time_kinematic" else 0.25
+    allowed = 0.6 if name == "mpc_time_kinematic" else 0.25
     assert loop.completed
     assert np.abs(loop.lateral_error).max() < allowed
     assert all(told.solved for told in loop.diagnostics)
+
+
+def test_without_tyres_in_its_model_it_does_not_swing_about_the_path(controllers):
+    start = Disturbance(lateral_error=0.5, heading_error=0.05)
+    long = straight(SPEED, 300.0)
+    as_the_others = CONTROLLERS["mpc_time_kinematic"](truck(), PERIOD, weights_of("mpc_time"))
+    left = []
+    for controller in (controllers["mpc_time_kinematic"], as_the_others):
+        loop = run(late(0.0), controller, long, start)
+        left.append(np.abs(loop.lateral_error[loop.arc_length > 200.0]).max())
+    assert left[0] < 0.12, left
+    assert left[0] < 0.33 * left[1], left
 
 
 @pytest.mark.parametrize("name", ["mpc_time", "mpc_spatial"])
