@@ -71,7 +71,7 @@ class AxleGroup:
             own.append(Parameter(f"{self.name}_spacing", "m", 0.5, 3.0, 1.35, "from one axle to the next"))
         if self.lifted is not None:
             own.append(
-                Parameter(f"{self.name}_lift", "1", 0.0, 1.0, 1.0, "share of its load that the axle lacks")
+                Parameter(f"{self.name}_lift", "1", 0.0, 1.0, 0.0, "share of its load that the axle lacks")
             )
         return tuple(own)
 
