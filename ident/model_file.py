@@ -26,6 +26,7 @@ from ident.vehicle import ReferencePoint
 from ident.yaml_file import check, read_yaml
 
 LONGEST_LINE = 110
+OTHER_LINE_ENDS = frozenset("\r\x85\u2028\u2029")  # which a block of text in YAML would not keep
 _STRICT = {"extra": "forbid"}
 
 
@@ -216,7 +217,7 @@ def _block(value: Any) -> Any:
         laid_out: Any = CommentedMap(present)
     elif _is_list(value):
         laid_out = CommentedSeq([_block(inner) for inner in value])
-    elif isinstance(value, str) and "\n" in value:
+    elif isinstance(value, str) and "\n" in value and not OTHER_LINE_ENDS.intersection(value):
         return LiteralScalarString(value)
     else:
         return value

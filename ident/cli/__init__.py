@@ -9,6 +9,7 @@ import click
 from ident import __version__
 from ident.cli.boundary import ErrorBoundary
 from ident.cli.evaluate import evaluate
+from ident.cli.export import export
 from ident.cli.improve import improve
 from ident.cli.info import info
 from ident.cli.init import init
@@ -37,6 +38,7 @@ def main() -> None:
       ident improve my_logs/
       ident validate my_logs/
       ident run my_truck.yaml my_logs/
+      ident export reports/my_logs/model.yaml --to tir --out fitted.tir
 
     \b
     Exit codes: 0 done, 1 internal error, 2 usage, 3 no usable log or a bad recipe,
@@ -52,3 +54,4 @@ main.add_command(evaluate)
 main.add_command(improve)
 main.add_command(validate)
 main.add_command(run)
+main.add_command(export)

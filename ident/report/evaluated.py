@@ -50,6 +50,17 @@ def reason(result: EvaluateResult) -> str | None:
     return None if result.why in result.verdict else result.why
 
 
+def cost_told(result: EvaluateResult) -> str | None:
+    """Say how much more PAC2002 costs than piecewise linear tyres, None where both were not timed."""
+    one = result.cost_ratio
+    if one is None:
+        return None
+    names = (
+        f"{model_name(one.model)} costs {significant(one.ratio, 2)} times what {model_name(one.over)} does"
+    )
+    return f"{names} (the source reports {significant(one.reported, 2)})"
+
+
 def signals_of(result: EvaluateResult) -> list[str]:
     """Name every signal that some model was compared on, in the order in which errors are told."""
     return in_order(name for model in result.models for name in (*standard(model), *model.rms))

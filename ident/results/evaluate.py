@@ -123,6 +123,20 @@ class Requirement:
 
 
 @dataclass(frozen=True)
+class CostRatio:
+    """How much more a step of one model costs than one of another, both timed in this run.
+
+    ratio : of their ``cost_ns_per_step`` [-]; reported : by the source; reason : where it comes from
+    """
+
+    model: ModelName
+    over: ModelName
+    ratio: float
+    reported: float
+    reason: str
+
+
+@dataclass(frozen=True)
 class EvaluateResult:
     """`ident evaluate`: which model is good enough, and for what.
 
@@ -132,6 +146,7 @@ class EvaluateResult:
     held_out, training : names of runs, or of parts of runs ("manual_a [40, 60] s")
     geometry : cg_to_front_axle, cg_to_rear_axle, reference_x of the positions [m], where known: to draw it
     against : path of the other model file, where two were compared
+    cost_ratio : PAC2002 over piecewise linear tyres, where both were evaluated
     """
 
     schema_version: str
@@ -158,3 +173,4 @@ class EvaluateResult:
     warnings: list[str]
     against: str | None = None
     geometry: dict[str, float] = field(default_factory=dict)
+    cost_ratio: CostRatio | None = None

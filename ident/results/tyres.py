@@ -19,6 +19,7 @@ class TyreFile:
 
     name : of the file, without its folder
     sha256 : of its bytes, which are ``text`` in ``encoding``
+    lines : how its lines end; line feeds in ``text``, but where they are mixed
     number : axle -> how many of these tyres it has, 4 where they are dual
     not_modelled : what it holds beside what is used here
     """
@@ -28,6 +29,7 @@ class TyreFile:
     name: str
     sha256: str
     encoding: Literal["utf-8", "latin-1"]
+    lines: Literal["lf", "crlf", "mixed"]
     number: dict[str, int]
     not_modelled: list[str]
     text: str

@@ -36,7 +36,7 @@ from ident.stages.evaluate_characteristics import characteristics
 from ident.stages.evaluate_checks import checks
 from ident.stages.evaluate_data import HeldOut, held_out_data, held_out_motion
 from ident.stages.evaluate_errors import JUDGED, Evaluated, Level, levels
-from ident.stages.evaluate_models import candidates, from_file
+from ident.stages.evaluate_models import candidates, cost_ratio, from_file
 from ident.stages.evaluate_settings import UNITS, EvaluateSettings
 from ident.stages.evaluate_tables import evaluate_tables
 from ident.stages.inputs import InputSettings, SplitSettings, load, provenance
@@ -154,6 +154,7 @@ def _result(
             "cg_to_rear_axle": motion.body.cg_to_rear_axle,
             "reference_x": data.records[0].reference_x,
         },
+        cost_ratio=cost_ratio(measured, data.tyres.property_files),
     )
 
 

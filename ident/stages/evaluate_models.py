@@ -13,11 +13,12 @@ from ident.errors import BadRecipe, NotIdentifiable
 from ident.estimation.evaluation import Candidate
 from ident.estimation.tyre_fit import AXLES, BANK
 from ident.model_file import Value, read_model
-from ident.results import Estimate, ModelName, TyreFile, TyresResult
+from ident.results import CostRatio, Estimate, EvaluatedModel, ModelName, TyreFile, TyresResult
 from ident.stages.tyre_files import PAC2002, tyres_of_files
 
 BODY = ("mass", "cg_to_front_axle", "cg_to_rear_axle")
 OFFSET = "steering_offset"
+SOURCE_RATIO = 6.0  # PAC2002 over piecewise linear, as the source reports it
 
 
 def candidates(tyres: TyresResult, names: Sequence[ModelName] | None) -> list[Candidate]:
@@ -68,6 +69,27 @@ def from_file(path: Path) -> Candidate:
             parts[f"{axle}.{name}"] = _value(axles[axle].get(name), f"{path}: tyres.{axle}.{name}")
     offsets = [one.parameters["angle"].value for one in model.effects if one.name == OFFSET]
     return _bicycle(str(path), own, {**body, **parts}, (offsets or [0.0])[0] or 0.0)
+
+
+def cost_ratio(models: Sequence[EvaluatedModel], files: Sequence[TyreFile]) -> CostRatio | None:
+    """How much more a step with PAC2002 tyres costs than one with piecewise linear ones, and why.
+
+    models : driven by the same input; None where one of both is not among them
+    """
+    cost = {one.name: one.cost_ns_per_step for one in models}
+    if PAC2002 not in cost or cost.get("piecewise_linear", 0.0) <= 0:
+        return None
+    sides = tyres_of_files(files, "tyres.json").coefficients
+    curves = sum(1 if one.side == "symmetric" else 2 for one in sides.values())
+    reason = (
+        f"both axles together take {curves} PAC2002 curves in each of the four evaluations of a step (a tyre "
+        "that is not symmetric stands beside its mirror image), each with a sine, two arctangents and "
+        "coefficients that depend on load; a piecewise linear axle takes a product and two comparisons. What "
+        "both share (slip angles, motion, sensors) brings the ratio down"
+    )
+    return CostRatio(
+        PAC2002, "piecewise_linear", cost[PAC2002] / cost["piecewise_linear"], SOURCE_RATIO, reason
+    )
 
 
 def sensor_biases(tyres: TyresResult) -> dict[str, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from ident.dynamics.tyres import Tyre
 from ident.dynamics.tyres.pac2002_axle import pac2002_axle, scaling_of
@@ -15,7 +16,7 @@ from ident.estimation.tyre_fit import AXLES, Axles, Body
 from ident.results import TyreFile
 from ident.vehicle import VehicleTyres
 
-PAC2002 = "pac2002"
+PAC2002: Literal["pac2002"] = "pac2002"
 
 
 @dataclass(frozen=True)
@@ -56,17 +57,27 @@ def read_tyre_files(vehicle: VehicleTyres) -> list[TyreFile]:
         if same is not None:
             same.number[axle] = one.number
             continue
+        text = "".join(file.lines)
+        ends = _line_ends(text)
         made.append(
             TyreFile(
                 name=one.file.name,
                 sha256=digest,
                 encoding="utf-8" if file.encoding == "utf-8" else "latin-1",
+                lines=ends,
                 number={axle: one.number},
                 not_modelled=list(tyre.left_out),
-                text="".join(file.lines),
+                text=text.replace("\r\n", "\n") if ends == "crlf" else text,
             )
         )
     return made
+
+
+def _line_ends(text: str) -> Literal["lf", "crlf", "mixed"]:
+    if "\r" not in text:
+        return "lf"
+    apart = text.count("\r\n")
+    return "crlf" if text.count("\r") == text.count("\n") == apart else "mixed"
 
 
 def property_file_of(held: TyreFile, source: str) -> PropertyFile:
@@ -78,7 +89,8 @@ def property_file_of(held: TyreFile, source: str) -> PropertyFile:
         If its text is not that of its hash.
     """
     try:
-        data = held.text.encode(held.encoding)
+        text = held.text.replace("\n", "\r\n") if held.lines == "crlf" else held.text
+        data = text.encode(held.encoding)
     except UnicodeEncodeError as error:
         raise BadRecipe(
             f"{source}: the text of {held.name} is not {held.encoding}: {error.reason}"

@@ -10,6 +10,7 @@ from ident.report.evaluated import (
     MARKS,
     STANDARD,
     TONES,
+    cost_told,
     driven_by,
     judge,
     model_name,
@@ -59,6 +60,9 @@ def overview(result: EvaluateResult) -> Table:
     rows = [_limits(result, signals)] if result.acceptable else []
     rows += [_overview_row(result, model, signals) for model in models]
     notes = [f"RMS error on held-out data over windows of {STANDARD} from many starts; {LEGEND}."]
+    cost = cost_told(result)
+    if cost is not None and result.cost_ratio is not None:
+        notes.append(f"{cost}: {result.cost_ratio.reason}.")
     return Table(columns, rows, notes=notes, download="evaluate_models.csv", records=error_records(result))
 
 
