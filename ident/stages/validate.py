@@ -161,10 +161,7 @@ def _result(
 
 def _notes(table: Sequence[Driven]) -> list[str]:
     """What the table says otherwise than it was asked."""
-    return [
-        f"the robust controller has a set of usual size, not that of the residuals: {note}"
-        for note in dict.fromkeys(one.note for one in table if one.note is not None)
-    ]
+    return list(dict.fromkeys(one.note for one in table if one.note is not None))
 
 
 def _not_driven(driven: Sequence[Outcome]) -> list[Refusal]:

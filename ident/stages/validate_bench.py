@@ -15,6 +15,7 @@ from multiprocessing import get_context
 from ident.control.closed_loop import ClosedLoop, Disturbance, Settings, run
 from ident.control.controllers import CONTROLLERS
 from ident.control.controllers.controller import Controller
+from ident.control.controllers.mpc_controller import Mpc
 from ident.control.controllers.mpc_robust import mpc_robust
 from ident.control.disturbances import changed
 from ident.control.measures import Label, Limits, told
@@ -24,6 +25,7 @@ from ident.control.reference import Reference
 from ident.control.sensors import Sensors
 from ident.control.truck import Truck
 from ident.errors import BadRecipe, NotIdentifiable
+from ident.glossary import controller_name
 from ident.results import ClosedLoopRun, ControllerName, LoggedLevel, ScenarioName
 from ident.stages.output import Progress
 from ident.stages.validate_shadow import Shadow, closed, closed_level, shadow
@@ -90,7 +92,7 @@ class Compared:
 class Driven:
     """What came of it; ``course`` only where it was asked for.
 
-    note : why the robust controller has a usual set and not that of the residuals
+    note : what is to be said of the set of the robust controller
     """
 
     drive: Drive
@@ -177,8 +179,16 @@ class Driver:
             asked.seed,
         )
         made = told(course, label, Limits(bench.lane_half_width))
-        note = self._no_room if asked.controller == ROBUST else None
-        return Driven(asked, made, course if asked.kept else None, note)
+        return Driven(asked, made, course if asked.kept else None, self._note(controller, asked.path.speed))
+
+    def _note(self, controller: Controller, speed: float) -> str | None:
+        """What is to be said of the set of the robust controller."""
+        if controller.name != ROBUST or not isinstance(controller, Mpc):
+            return None
+        name, crowded = controller_name(ROBUST), controller.crowded(speed)
+        if self._no_room is not None:
+            return f"{name} has a set of usual size, not that of the residuals: {self._no_room}"
+        return crowded and f"{name}: {crowded}"
 
     def _compared(self, asked: Beside) -> Compared:
         controller = self._controller(asked.controller, self.bench.prediction)

@@ -151,6 +151,26 @@ def test_a_kinematic_prediction_is_told_and_each_controller_with_its_weights(tmp
     assert "steering_request" not in result.weights["mpc_time_kinematic"]
 
 
+@pytest.mark.parametrize(
+    ("std", "said"),
+    [
+        (0.0002, None),
+        (0.0015, "the set about its plan reaches"),
+        (0.05, "has a set of usual size, not that of the residuals: at 22.0 m/s the tube takes"),
+    ],
+)
+def test_the_set_of_the_robust_controller_comes_from_the_residuals(
+    std: float, said: str | None, tmp_path: Path
+) -> None:
+    sizes = {"yaw_rate": std, "heading": std, "lateral_velocity": 10 * std, "position_across": 10 * std}
+    noise = "".join(f"  {name}: {{std: {size}}}\n" for name, size in sizes.items())
+    model = write_model(tmp_path, more=f"noise:\n{noise}")
+    result = go(model, controllers=["mpc_robust"], mismatch={}, starts=1).result
+    told = [text for text in result.warnings if text.startswith("robust MPC (tube)")]
+    assert len(told) == (said is not None)
+    assert all(said in text for text in told if said is not None)
+
+
 def test_models_drive_each_other(tmp_path: Path) -> None:
     result = go(write_model(tmp_path), controllers=["lqr"], mismatch={}, starts=1, pairs=["lqr"]).result
     found = {(one.prediction_model, one.simulation_model): one for one in result.pairs}

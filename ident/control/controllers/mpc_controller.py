@@ -30,7 +30,7 @@ from ident.control.controllers.base import Base, Situation
 from ident.control.controllers.controller import Command, Diagnostics, Measured
 from ident.control.controllers.mpc_model import REQUESTS, Terminal, Weights, terminal
 from ident.control.controllers.mpc_plan import Ahead, Course, Outlook, Planner
-from ident.control.controllers.mpc_tubes import Tubes
+from ident.control.controllers.mpc_tubes import LEAST_LEFT, Tubes
 from ident.control.controllers.targets import Targets
 from ident.control.controllers.weights import ACCEPTABLE
 from ident.control.prediction import Domain, Prediction
@@ -42,10 +42,9 @@ Array = NDArray[np.float64]
 
 DRIFTS = ("drift", "turn_drift")
 PATIENCE = 10  # cycles that a plan is followed on without a new one
-SLACK_LINEAR, SLACK_QUADRATIC = (
-    1.0,
-    1.0,
-)  # [1/m], [1/m²] a step: a metre beside the lane costs as its edge does
+# Price of a metre beside the lane, a step: about that of the lane's edge itself. Much more and the truck is
+# driven back so hard from outside that it swings where its steering answers later than believed.
+SLACK_LINEAR, SLACK_QUADRATIC = 1.0, 1.0  # [1/m], [1/m²]; see ``qp``
 
 
 @dataclass(frozen=True)
@@ -244,6 +243,19 @@ class Mpc:
             if self._tubes is not None:
                 changes = self._tubes.tightened_changes(changes, self._speed(outlook))
         return changes
+
+    def crowded(self, speed: float) -> str | None:
+        """What is to be said of a set too wide for the lane at a speed [m/s], None where there is no such."""
+        if self._tubes is None:
+            return None
+        reach, room = float(self._tubes.box(speed)[self._aside]), (1.0 - LEAST_LEFT) * self.settings.lane
+        if reach <= room:
+            return None
+        return (
+            f"at {speed:.1f} m/s the set about its plan reaches {reach:.2f} m to either side, the plan's "
+            f"lane of {self.settings.lane:g} m leaves {room:.2g} m: it keeps the steering's limits, "
+            "not the lane's"
+        )
 
     def _speed(self, outlook: Outlook) -> float:
         return float(outlook.state[self._place["longitudinal_velocity"]])
