@@ -56,7 +56,7 @@ def two_track_candidate(
     """
     fit = _fit(tyres, kind)
     own = _tyres(fit, tyres)
-    known, assumed = _chassis(vehicle, own, groups, dict(given or {}))
+    known, assumed = chassis_of(vehicle, own, groups, dict(given or {}))
     axles = {"front": fit.front, "rear": fit.rear}
     parts = {f"{axle}.{name}": _value(axles[axle][name]) for axle in AXLES for name in own[axle].names}
     body = {name: tyres.fixed[name].value for name in BODY} | {"yaw_inertia": _value(fit.yaw_inertia)}
@@ -81,13 +81,13 @@ def _tyres(fit: TyreFit, tyres: TyresResult) -> Mapping[str, Tyre]:
     return dict.fromkeys(AXLES, tyre_of(fit.kind))
 
 
-def _chassis(
+def chassis_of(
     vehicle: Vehicle,
     tyres: Mapping[str, Tyre],
     groups: tuple[AxleGroup, AxleGroup],
     given: dict[str, float],
 ) -> tuple[dict[str, float], list[str]]:
-    """Parameters beyond those of the bicycle, and which of them are assumed."""
+    """Parameters beyond those of the bicycle, and in words which of them are assumed."""
     stated = {f"{group.name}_track": vehicle.track for group in groups} | {"cg_height": vehicle.cg_height}
     known: dict[str, float] = {}
     assumed, missing = [], []
