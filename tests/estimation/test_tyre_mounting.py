@@ -92,9 +92,8 @@ def test_neither_joins_where_the_point_is_stated_and_the_sensor_is_straight() ->
 
 def test_a_run_that_hardly_turns_gets_no_bank() -> None:
     def nearly_straight(record: MotionRecord) -> MotionRecord:
-        heading = record.measured["heading"]
-        small = Samples(heading.times, 0.01 * heading.values)
-        return replace(record, run=1, measured={**record.measured, "heading": small})
+        small = {name: Samples(one.times, 0.01 * one.values) for name, one in record.measured.items()}
+        return replace(record, run=1, road_wheel_angle=0.01 * record.road_wheel_angle, measured=small)
 
     both = [*gentle(), *map(nearly_straight, gentle())]
     found = fit_tyres(both, "linear", BODY, [START], bank=True)

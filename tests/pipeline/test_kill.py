@@ -20,6 +20,9 @@ CHANNELS = """signals:
   steering_wheel_request: {topic: /request, field: angle, unit: rad}
   steering_wheel_angle: {topic: /angle, field: angle, unit: rad}
 """
+RECIPE = """seed: 3
+improve: {effects: [steering_dead_zone], most_effects: 1, draws: 199}
+"""
 ROUNDS = int(os.environ.get("IDENT_KILL_ROUNDS", "3"))
 EVERY = int(os.environ.get("IDENT_KILL_EVERY", "10"))
 """Operation on files before which a run is killed; `make study` takes each of them."""
@@ -32,7 +35,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("kill") / "logs"
     folder.mkdir()
     (folder / "channels.yaml").write_text(CHANNELS, encoding="utf-8")
-    (folder.parent / "recipe.yaml").write_text("seed: 3\n", encoding="utf-8")
+    (folder.parent / "recipe.yaml").write_text(RECIPE, encoding="utf-8")
     random = np.random.default_rng(1)
     test = pulses(random, on=2.0, off=1.0, sizes=(1.0, -0.7), before=0.5)
     measured = test.record(

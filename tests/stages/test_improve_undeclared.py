@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SETS = ROOT / "sample_logs" / "undeclared"
 ANSWERS = ROOT / "tests" / "truth" / "undeclared.yaml"
 NAMES = {name for names in CATALOGUE.values() for name in names}
-QUICK = ("set_m2", "set_w9")
+QUICK = ("set_m2", "set_f8")
 SURE = 4.0  # standard errors
 LOST = 1.02  # share of its error before by which no signal may be worse after: chance of a fit
 

@@ -51,7 +51,7 @@ def race_car(tmp_path_factory: pytest.TempPathFactory) -> TyresResult:
     ]
     channels = tmp_path_factory.mktemp("race_car") / "channels.yaml"
     channels.write_text("\n".join(lines), encoding="utf-8")
-    settings = TyresSettings(kinds=["linear", "magic_formula"])
+    settings = TyresSettings(kinds=["linear"])
     return tyres([RACE_CAR], InputSettings(channels=channels), settings, CONTEXT).result
 
 
@@ -147,14 +147,8 @@ def test_a_late_yaw_rate_is_not_compared_beside_the_heading(race_car: TyresResul
     assert "heading" in race_car.noise
 
 
-def test_peak_shape_and_curvature_are_not_claimed_at_a_hundredth_of_a_radian(race_car: TyresResult) -> None:
-    assert race_car.chosen == "linear"
+def test_a_yaw_inertia_is_not_claimed_at_a_hundredth_of_a_radian(race_car: TyresResult) -> None:
     assert max(abs(end) for ends in race_car.excited.values() for end in ends) < 0.06
-    (formula,) = [fit for fit in race_car.fits if fit.kind == "magic_formula"]
-    for axle in (formula.front, formula.rear):
-        for name in ("shape", "stiffness_factor"):
-            assert axle[name].status == "not_identifiable"
-            assert axle[name].low is None
     assert race_car.fits[0].yaw_inertia.status == "not_identifiable"
 
 
