@@ -139,7 +139,10 @@ class MismatchCurve:
 
 @dataclass(frozen=True)
 class MarginLoss:
-    """A controller on the truck without and with the effects that were found."""
+    """A controller on the truck without and with the effects that were found.
+
+    completed_* : share of the runs; lateral_error_max_* : from an undisturbed start [m]
+    """
 
     controller: ControllerName
     scenario: ScenarioName

@@ -18,7 +18,7 @@ from ident.stages.validate_settings import ValidateSettings
 
 IMPROVED = "improved"  # simulated truck
 QUICK_STARTS = 2
-MARGIN_STARTS = 2
+MARGIN_STARTS = 1  # beside an undisturbed one
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def plan(
         for scenario in (settings.scenarios if improved else [])
         for name in settings.controllers
         for simulation in (IDENTIFIED, IMPROVED)
-        for number, start in enumerate(starts[:MARGIN_STARTS])
+        for number, start in enumerate([Disturbance(), *starts[:MARGIN_STARTS]])
     ]
     return Plan(table, pairs, _sweeps(settings.controllers, settings, first, seed), margins)
 

@@ -7,6 +7,7 @@ from itertools import groupby
 
 import numpy as np
 
+from ident.control.closed_loop import Disturbance
 from ident.glossary import controller_name
 from ident.model_file import ValidRange
 from ident.results import (
@@ -24,7 +25,8 @@ from ident.stages.validate_settings import UNITS
 
 LOST_SHARE = 0.5
 LOST = (
-    "fewer runs completed, or the largest error grown by more than half of what was left to the lane's edge"
+    "fewer runs completed, or the largest error from an undisturbed start grown by more than half of what was"
+    " left to the lane's edge"
 )
 HARMLESS = 1.1  # times the speed or acceleration that the model was identified at
 
@@ -73,17 +75,22 @@ def _curve(controller: ControllerName, what: str, points: Mapping[float, ClosedL
 
 
 def margins_of(driven: Sequence[Driven], effects: Sequence[str], lane_half_width: float) -> list[MarginLoss]:
-    """One a controller and scenario; see ``LOST``."""
+    """One a controller and scenario; see ``LOST``.
+
+    The largest error is that from an undisturbed start: beside the path it would be that of the start itself.
+    """
     made = []
     keys = dict.fromkeys((one.run.controller, one.run.scenario) for one in driven)
     for controller, scenario in keys:
         own = [one for one in driven if (one.run.controller, one.run.scenario) == (controller, scenario)]
-        after = [one.run for one in own if one.drive.simulation == IMPROVED]
-        before = [one.run for one in own if one.drive.simulation != IMPROVED]
-        if not before or not after:
+        parts = [
+            [one for one in own if (one.drive.simulation == IMPROVED) is found] for found in (False, True)
+        ]
+        if not all(parts):
             continue
-        share = [float(np.mean([run.completed for run in runs])) for runs in (before, after)]
-        worst = [max(run.lateral_error_max for run in runs) for runs in (before, after)]
+        share = [float(np.mean([one.run.completed for one in part])) for part in parts]
+        undisturbed = [[o for o in part if o.drive.start == Disturbance()] or part for part in parts]
+        worst = [max(one.run.lateral_error_max for one in part) for part in undisturbed]
         left = max(lane_half_width - worst[0], 0.0)
         is_lost = share[1] < share[0] or (share[0] > 0 and worst[1] - worst[0] > LOST_SHARE * left)
         made.append(

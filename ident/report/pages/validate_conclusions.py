@@ -88,7 +88,10 @@ def margins(found: Sequence[MarginLoss]) -> Block:
         Column("with", "number"),
     ]
     rows = [_margin_row(one) for one in sorted(found, key=lambda one: not one.is_lost)]
-    notes = ["the controllers do not know of the effects; the simulated truck has them"]
+    notes = [
+        "the controllers do not know of the effects; the simulated truck has them",
+        "|e_y| max: from an undisturbed start",
+    ]
     return Table(columns, rows, notes=notes, download="validate_margins.csv", scroll=len(rows) > 16)
 
 
