@@ -94,7 +94,7 @@ class ValidateSettings(BaseModel):
     lane_half_width: Annotated[float, quantity("m", positive=True)] = 1.75
     lateral_acceleration: Annotated[float, quantity("m/s^2", positive=True)] = 3.0
     disturbances: Literal["monte_carlo", "grid"] = "monte_carlo"
-    starts: Annotated[int, Field(ge=1)] = 6
+    starts: Annotated[int, Field(ge=1)] = 5
     mismatch: Annotated[dict[str, tuple[float, ...]], BeforeValidator(_sweeps)] = Field(
         default_factory=lambda: dict(MISMATCH)
     )
