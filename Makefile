@@ -40,6 +40,7 @@ study: $(VENV)/dev.stamp
 	$(BIN)/python studies/tyre_bound.py
 	$(BIN)/python studies/tyre_inputs.py --whole --jobs 2
 	$(BIN)/python studies/tyre_coverage.py --seeds 500 --jobs 2
+	$(BIN)/python studies/pac2002_coverage.py --seeds 500
 	$(BIN)/python studies/improve_null.py --sets 100 --jobs 2
 	$(BIN)/python studies/improve_power.py --seeds 20 --jobs 2 --hours 3
 	$(BIN)/python studies/controller_weights.py

@@ -234,7 +234,29 @@ def fixed_values(result: TyresResult) -> list[Block]:
         [[Cell(name.replace("_", " ")), *_given(given)] for name, given in result.fixed.items()],
         download="tyre_given.csv",
     )
-    return [*_examples(result, fit), stated, *_sensitivity(result, fit)]
+    return [*_examples(result, fit), stated, *_property_files(result), *_sensitivity(result, fit)]
+
+
+def _property_files(result: TyresResult) -> list[Block]:
+    """Give the property files whose scaling factors were fitted."""
+    if not result.property_files:
+        return []
+    columns = [
+        Column("property file", wrap=True),
+        Column("tyres"),
+        Column("sha256"),
+        Column("not used", wrap=True),
+    ]
+    rows = [
+        [
+            Cell(one.name),
+            Cell(", ".join(f"{number} {axle}" for axle, number in one.number.items())),
+            Cell(one.sha256[:16], raw=one.sha256),
+            Cell(", ".join(one.not_modelled) or NONE),
+        ]
+        for one in result.property_files
+    ]
+    return [Table(columns, rows, download="tyre_property_files.csv")]
 
 
 def _sensitivity(result: TyresResult, fit: TyreFit) -> list[Block]:
