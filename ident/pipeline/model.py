@@ -52,7 +52,11 @@ def _steering(known: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any
     before, after = known.get("steering"), new.get("steering")
     if before is None or after is None or after.get("ratio") is not None:
         return {}
-    return {"steering": {**after, "ratio": before.get("ratio")}} if after.get("pair") == before.get("pair") else {}
+    return (
+        {"steering": {**after, "ratio": before.get("ratio")}}
+        if after.get("pair") == before.get("pair")
+        else {}
+    )
 
 
 def _covariances(known: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
