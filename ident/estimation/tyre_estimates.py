@@ -27,8 +27,9 @@ IDENTIFIED, WEAK = 0.1, 0.5  # relative standard errors
 FAR = 3.0  # standard deviations of the prior
 OWN_SHARE = 0.5  # of the prior's standard deviation: above, the data add little to it
 FIXED = ("mass", "cg_to_front_axle", "cg_to_rear_axle", STEERING_RATIO)
-PEAK = ("peak_force", "shape", "curvature")
-OF_BEND = (*PEAK, "saturation_slip", "LMUY", "LCY", "LEY")
+PEAK = ("peak_force", "shape", "curvature", "LMUY", "LCY", "LEY")
+OF_BEND = (*PEAK, "saturation_slip")
+WIDEST = 1.2  # [rad] slip angle within which a curve has its peak
 STIFFNESS = "cornering_stiffness"
 PEAK_REACHED = 0.95  # of the peak force: the axle has come near it
 REACH = 1.6  # of the excited slip angle, up to which curves are drawn
@@ -137,18 +138,21 @@ def _beyond_what_was_driven(
     Its interval then holds only if the axle goes on beyond the data as this kind of tyres does.
     """
     own = found.of_axle(axle)
-    if "peak_force" not in own:
+    of_peak = [f"{axle}.{name}" for name in own if name in PEAK and f"{axle}.{name}" in by_name]
+    if not of_peak:
         return {}
-    slip = np.linspace(excited[0], excited[1], POINTS)
-    forces = evaluate(found.axles.of(axle), slip, own, found.body.load(axle))[0]
-    reached, peak = float(np.abs(forces).max()), own["peak_force"]
+    load, tyre = found.body.load(axle), found.axles.of(axle)
+    reached, peak = (
+        float(np.abs(evaluate(tyre, np.linspace(ends[0], ends[1], POINTS), own, load)[0]).max())
+        for ends in (excited, (-WIDEST, WIDEST))
+    )
+    peak = own.get("peak_force", peak)
     if reached > PEAK_REACHED * peak:
         return {}
     reason = (
         f"rests on the shape of the curve beyond what was driven: the {axle} force reaches "
         f"{reached / 1e3:.3g} of {peak / 1e3:.3g} kN: drive harder"
     )
-    of_peak = [f"{axle}.{name}" for name in own if name in PEAK]
     return {
         name: replace(by_name[name], status="weak", reason=reason)
         for name in of_peak

@@ -109,6 +109,14 @@ def test_nothing_further_out_is_free_where_something_nearer_is_held(most: float)
     assert all(std[name] < 0.3 for name in covered)
 
 
+def test_friction_is_weak_at_best_where_the_force_has_not_come_near_its_peak() -> None:
+    for estimate in (getattr(told(found(DRIVEN, 1)), axle)["LMUY"] for axle in AXLES):
+        assert estimate.std / estimate.value < 0.1
+        assert estimate.status == "weak"
+        assert estimate.low is not None
+        assert estimate.reason.startswith("rests on the shape of the curve beyond what was driven")
+
+
 def test_hard_driving_tells_more_than_the_friction() -> None:
     one = found(HARD, 1)
     assert {"front.LCY"} <= free(one)
