@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from itertools import product
 from math import radians
 
 import numpy as np
@@ -51,12 +50,6 @@ def one_at_a_time() -> list[Disturbance]:
         *(Disturbance(heading_error=size) for size in HEADING_ERRORS),
         *(Disturbance(speed=size) for size in SPEEDS),
     ]
-
-
-def full_grid() -> list[Disturbance]:
-    """Every combination of all sizes, zero among them: 245 starts."""
-    sizes = ((*part, 0.0) for part in (LATERAL_ERRORS, HEADING_ERRORS, SPEEDS))
-    return [Disturbance(*combination) for combination in product(*(sorted(part) for part in sizes))]
 
 
 def monte_carlo(count: int, seed: int) -> list[Disturbance]:

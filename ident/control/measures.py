@@ -12,7 +12,7 @@ on the grid of the integration. Counts have a band, so that noise does not count
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import cast
 
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ident.control.closed_loop import ClosedLoop, Outcome
 from ident.control.truck import Truck
-from ident.results.validate import ClosedLoopRun, ControllerName, ScenarioName
+from ident.results.validate import ClosedLoopRun, ControllerName, Measures, ScenarioName
 
 Array = NDArray[np.float64]
 
@@ -42,33 +42,6 @@ class Limits:
     lateral_error: float | None = None
     lateral_acceleration: float | None = None
     steering_rate: float | None = None
-
-
-@dataclass(frozen=True)
-class Measures:
-    """The numbers of one run, as in ``results.validate.ClosedLoopRun``."""
-
-    completed: bool
-    lateral_error_rms: float
-    lateral_error_p95: float
-    lateral_error_max: float
-    lateral_error_settled: float
-    heading_error_rms: float
-    arrival_time_error: float | None
-    braking_work: float
-    acceleration_work: float
-    drive_switches: int
-    lateral_acceleration_max: float
-    lateral_jerk_rms: float
-    steering_rate_rms: float
-    steering_rate_max: float
-    steering_reversals: float
-    violations: int
-    infeasible: int
-    solve_time_p50: float
-    solve_time_p95: float
-    solve_time_p99: float
-    deadline_misses: int
 
 
 @dataclass(frozen=True)
@@ -118,7 +91,7 @@ def told(loop: ClosedLoop, label: Label, limits: Limits | None = None) -> Closed
         scenario_run=label.scenario_run,
         seed=label.seed,
         lost=LOST.get(loop.outcome),
-        **vars(measure(loop, limits)),
+        **asdict(measure(loop, limits)),
     )
 
 

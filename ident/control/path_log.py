@@ -37,7 +37,6 @@ from ident.errors import NotIdentifiable
 Array = NDArray[np.float64]
 
 DEGREE = 5
-PENALISED = 3  # derivative
 SHORTEST = 30.0  # [m] of a path that says something about a controller
 SLOWEST = 1.0  # [m/s] below which the truck is taken to stand
 WIDEST_GAP = 10.0  # [m] between points next to each other

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from ident.estimation.evaluation import BLOCK, BlockSums, bootstrap_weights, interval, paired
+from ident.estimation.evaluation import BLOCK, BlockSums, bootstrap_weights, interval
 from ident.estimation.layer import Likelihood
 from ident.estimation.score_blocks import block_index, block_sums
 
@@ -61,20 +61,6 @@ def rms_range(
     sums = _squares(errors, block_index(run, time, block))
     found = interval(sums, bootstrap_weights(sums.counts.size, seed))
     return (sums.rms, None, None) if found is None else (sums.rms, *found)
-
-
-def rms_ratio(
-    before: Array, after: Array, run: Index, time: Array, *, seed: int = 0, block: float = BLOCK
-) -> tuple[float, float, float, float]:
-    """Root mean square after over before on the same samples, block by block.
-
-    Returns
-    -------
-    ratio, low, high, p-value of no difference
-    """
-    numbers = block_index(run, time, block)
-    one, other = _squares(after, numbers), _squares(before, numbers)
-    return paired(one, other, bootstrap_weights(one.counts.size, seed))
 
 
 def _squares(errors: Array, numbers: Index) -> BlockSums:

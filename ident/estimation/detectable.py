@@ -102,29 +102,6 @@ def _reached(sizes: Array, margin: Array) -> float:
     return float(np.exp(x[first - 1] + share * (x[first] - x[first - 1])))
 
 
-def separating(scores: LayerScores, key_a: str, key_b: str) -> float:
-    """How much of what effect ``key_a`` does here ``key_b`` can do as well: 1 all of it, 0 nothing.
-
-    The cosine between the direction of the first in its best shape and the space of the second in that of its
-    shapes which comes nearest; zero where either does nothing.
-    """
-    one, other = _group(scores, key_a), _group(scores, key_b)
-    direction = _best(scores, one)
-    if direction is None:
-        return 0.0
-    columns, weights = direction
-    length = float(weights @ scores.gram[np.ix_(columns, columns)] @ weights)
-    cosine = 0.0
-    for shape in other.shapes:
-        theirs = list(shape.columns)
-        across = scores.gram[np.ix_(theirs, columns)] @ weights
-        inner = scores.gram[np.ix_(theirs, theirs)]
-        cosine = max(
-            cosine, float(across @ np.linalg.pinv(inner, rcond=1e-8, hermitian=True) @ across) / length
-        )
-    return float(np.sqrt(min(cosine, 1.0)))
-
-
 def _group(scores: LayerScores, key: str) -> Group:
     for group in scores.groups:
         if group.key == key:

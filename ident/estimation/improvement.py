@@ -25,9 +25,6 @@ Array = NDArray[np.float64]
 
 SURVIVORS = 5
 MOST_EFFECTS = 8
-SHAPES_TRIED = 2  # of the best that a full fit begins from
-
-NOTHING_LEFT = "nothing is left that noise does not explain"
 
 CONTRADICTS = 5.0  # standard errors of what the sensors say by themselves
 PRACTICAL = 0.2  # of it

@@ -48,13 +48,17 @@ class VehiclePoint:
 
     @cached_property
     def value(self) -> float:
-        """Whitened sum of squares and of the prior terms; infinite where the model has blown up."""
+        """Whitened sum of squares and of the prior terms.
+
+        Infinite where the model has blown up, or its derivatives have: no step leads on from there.
+        """
         with np.errstate(all="ignore"):
             total = sum(float(white[:, -1] @ white[:, -1]) for white in self.white.values())
+            whole = all(np.isfinite(white.sum()) for white in self.white.values())
         total += float(np.square(self.of_runs / self.problem.std_by_run).sum())
         total += float(np.square(self._from_prior / self.problem.prior_std).sum())
         total += float(np.square(self._from_start / self.problem.initial_std).sum())
-        return total if np.isfinite(total) else np.inf
+        return total if whole and np.isfinite(total) else np.inf
 
     @property
     def _from_start(self) -> Array:

@@ -25,15 +25,10 @@ ScenarioName = Literal[
 
 
 @dataclass(frozen=True)
-class ClosedLoopRun:
-    """One controller, one scenario, one disturbance, one truck.
+class Measures:
+    """The numbers of one closed loop.
 
-    scenario_run : the logged run whose path was followed, where the scenario is ``logged``
-    disturbance : what was disturbed, such as {"lateral_error": 0.5 [m], "heading_error": 0.05 [rad],
-        "speed": 1.0 [m/s]} at the start, and mismatch of the simulated truck such as {"mass": 0.3} (relative)
-        or {"dead_time": 0.1} (absolute, SI)
-    prediction_model, simulation_model : kinematic or the kind of tyres, "+" and its effects
-    completed : whether the truck came to the end of the path; lost : how it did not, None where it did
+    completed : whether the truck came to the end of the path
     lateral_error_rms, _p95, _max, _settled : of the tracked point [m]; settled: mean of the last stretch
     heading_error_rms : [rad]
     arrival_time_error : when it came to the end less the stipulated time [s]; None where it did not
@@ -46,12 +41,6 @@ class ClosedLoopRun:
     solve_time_p50, _p95, _p99 : [s]; deadline_misses : cycles that took longer than the period
     """
 
-    controller: ControllerName
-    scenario: ScenarioName
-    speed: float
-    disturbance: dict[str, float]
-    prediction_model: str
-    simulation_model: str
     completed: bool
     lateral_error_rms: float
     lateral_error_p95: float
@@ -73,6 +62,27 @@ class ClosedLoopRun:
     solve_time_p95: float
     solve_time_p99: float
     deadline_misses: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClosedLoopRun(Measures):
+    """One controller, one scenario, one disturbance, one truck, and its measures.
+
+    speed : of the scenario [m/s]
+    disturbance : what was disturbed, such as {"lateral_error": 0.5 [m], "heading_error": 0.05 [rad],
+        "speed": 1.0 [m/s]} at the start, and mismatch of the simulated truck such as {"mass": 0.3} (relative)
+        or {"dead_time": 0.1} (absolute, SI)
+    prediction_model, simulation_model : kinematic or the kind of tyres, "+" and its effects
+    scenario_run : the logged run whose path was followed, where the scenario is ``logged``
+    lost : how it did not come to the end of the path, None where it did
+    """
+
+    controller: ControllerName
+    scenario: ScenarioName
+    speed: float
+    disturbance: dict[str, float]
+    prediction_model: str
+    simulation_model: str
     scenario_run: str | None = None
     seed: int | None = None
     lost: str | None = None

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from ident.estimation.before_after import gain_interval, rms_range
 from ident.estimation.improvement import Improvement
 from ident.estimation.layer import BIN, HeldOut, Layer, LayerFit, Likelihood
-from ident.estimation.motion_fit import MotionFit
 from ident.glossary import SIGNALS
 from ident.results import Confirmation, ErrorComparison, ErrorRange, Estimate, SplitBy
 from ident.stages.improve_folds import Folds, folds_of
@@ -233,8 +232,3 @@ def held_out_table(parts: Sequence[Compared]) -> pd.DataFrame:
     if not frames:
         return pd.DataFrame({name: [] for name in HELD_OUT})
     return pd.concat(frames, ignore_index=True)
-
-
-def is_motion(fit: LayerFit) -> bool:
-    """Whether a fit is of the motion."""
-    return isinstance(fit, MotionFit)

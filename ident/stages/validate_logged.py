@@ -17,7 +17,6 @@ before agrees: a closed loop hides what is wrong below it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,17 +36,6 @@ Array = NDArray[np.float64]
 WINDOW, EVERY = 2.0, 0.5  # [s]
 ANGLE = "road_wheel_angle"
 NAMES = {0: "measured steering -> vehicle", 1: "request -> actuator and vehicle"}
-
-
-@dataclass(frozen=True)
-class OpenLoop:
-    """What the model predicts of one run at level 0 or 1.
-
-    rms, allowed : signal -> [SI]
-    """
-
-    level: LoggedLevel
-    segments: Segments
 
 
 def open_levels(

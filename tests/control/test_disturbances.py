@@ -12,7 +12,6 @@ from ident.control.disturbances import (
     UNITS,
     changed,
     differences,
-    full_grid,
     monte_carlo,
     one_at_a_time,
 )
@@ -22,10 +21,8 @@ from ident.errors import BadRecipe
 
 
 def test_the_grid_holds_every_start_once():
-    alone, grid = one_at_a_time(), full_grid()
-    assert len(set(alone)) == len(alone) == 17
-    assert len(set(grid)) == len(grid) == 7 * 7 * 5
-    assert set(alone) <= set(grid)
+    grid = one_at_a_time()
+    assert len(set(grid)) == len(grid) == 17
     assert {round(np.degrees(one.heading_error)) for one in grid} == {-5, -3, -1, 0, 1, 3, 5}
     mirrored = {(-one.lateral_error, -one.heading_error, one.speed) for one in grid}
     assert mirrored == {(one.lateral_error, one.heading_error, one.speed) for one in grid}

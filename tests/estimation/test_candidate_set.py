@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.estimation.before_after import gain_interval, rms_range, rms_ratio, same_size, scatter_of_runs
+from ident.estimation.before_after import gain_interval, rms_range, same_size, scatter_of_runs
 from ident.estimation.candidate_set import candidate_set
 from ident.estimation.layer import Likelihood
 
@@ -109,7 +109,7 @@ def test_a_gain_is_told_for_each_sample_where_their_number_is_given() -> None:
     assert gain_interval(before, after, samples=BINS * 80)[0] == pytest.approx(0.05)
 
 
-def test_root_mean_squares_have_intervals_and_are_compared_in_pairs() -> None:
+def test_root_mean_squares_have_intervals() -> None:
     random = np.random.default_rng(6)
     run, time = np.repeat(np.arange(4), 4000).astype(np.intp), np.tile(np.arange(4000) * 0.01, 4)
     before = 2.0 * random.standard_normal(16000)
@@ -118,9 +118,6 @@ def test_root_mean_squares_have_intervals_and_are_compared_in_pairs() -> None:
     assert high is not None
     assert low < 2.0 < high
     assert value == pytest.approx(2.0, abs=0.05)
-    ratio, low, high, p_value = rms_ratio(before, 0.7 * before, run, time)
-    assert (ratio, low, high) == pytest.approx((0.7, 0.7, 0.7))
-    assert p_value <= 1e-3
     assert rms_range(before[:10], run[:10], time[:10])[1:] == (None, None)
 
 

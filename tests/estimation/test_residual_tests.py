@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 from score_sets import Truck, Whitened, drawn, truck, whitened
 
-from ident.estimation.detectable import detectable_sizes, separating
+from ident.estimation.detectable import detectable_sizes
 from ident.estimation.layer import LayerScores
 from ident.estimation.residual_tests import corrected, needed, screen
 from ident.estimation.score_blocks import BlockScores, block_index, components, spread
@@ -174,14 +174,6 @@ def test_the_detectable_width_of_a_play_lies_between_widths_that_were_tried() ->
     below = [w for w, strength in strengths.items() if strength < 3.0]
     above = [w for w, strength in strengths.items() if strength > 8.0]
     assert max(below, default=0.0) < width < min(above, default=np.inf)
-
-
-def test_directions_that_are_the_same_cannot_be_separated() -> None:
-    scores, _ = with_effect("ratio", 8.0)
-    assert separating(scores, "force: u|u|", "ratio") == pytest.approx(1.0, abs=1e-6)
-    assert separating(scores, "rate limit", "bias lateral_acceleration") < 0.5
-    with pytest.raises(KeyError):
-        separating(scores, "ratio", "no such")
 
 
 def test_the_spread_of_white_blocks_has_one_degree_of_freedom_less_than_blocks() -> None:

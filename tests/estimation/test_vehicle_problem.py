@@ -197,6 +197,17 @@ def test_a_part_of_the_path_that_is_moved_and_turned_as_a_whole_leaves_no_residu
             assert np.sqrt(np.mean(left**2)) < most, name
 
 
+def test_a_point_whose_derivatives_are_no_numbers_is_worth_nothing():
+    point = generic_point(problem_of(records(), ratio=False))
+    assert np.isfinite(point.value)
+    broken = replace(point)
+    name = next(iter(point.white))
+    rows = point.white[name].copy()
+    rows[3, 0] = np.inf
+    broken.__dict__["white"] = {**point.white, name: rows}
+    assert broken.value == np.inf
+
+
 def test_elimination_gives_the_step_and_the_covariance_of_one_large_least_squares_problem():
     point = generic_point(problem_of(records(), ratio=False))
     problem = point.problem

@@ -13,9 +13,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from ident.control.controllers.base import Base
 from ident.control.controllers.controller import Command, Diagnostics, Measured
-from ident.control.controllers.steady import SLOWEST, SteadyCornering
+from ident.control.controllers.steady import SLOWEST, SteeredBeside
 from ident.control.controllers.weights import PID_GAINS
 from ident.control.reference import Reference
 from ident.control.truck import Truck
@@ -23,29 +22,22 @@ from ident.control.truck import Truck
 INTEGRAL_ZONE = 0.1  # [m]
 
 
-class PID:
+class PID(SteeredBeside):
     """Steers by PID; the speed is held beside it.
 
-    truck : as it is believed to be; period : [s]
     weights : frequency ω [rad/s], damping ζ, look_ahead_time t_a [s], integral_time T_i [s]
     """
 
     name = "pid"
+    gains = PID_GAINS
 
     def __init__(self, truck: Truck, period: float, weights: Mapping[str, float] | None = None) -> None:
-        self.period = period
-        self.weights = dict(PID_GAINS if weights is None else weights)
-        self.cornering = SteadyCornering(truck, period, self.weights["lead"])
+        super().__init__(truck, period, weights)
         self._integral = 0.0
-
-    @property
-    def base(self) -> Base:
-        """What all controllers share."""
-        return self.cornering.base
 
     def reset(self) -> None:
         """Forget all runs before."""
-        self.cornering.reset()
+        super().reset()
         self._integral = 0.0
 
     def step(self, measured: Measured, reference: Reference) -> tuple[Command, Diagnostics]:

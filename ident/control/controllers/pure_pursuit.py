@@ -12,40 +12,23 @@ circle.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 
-from ident.control.controllers.base import Base
 from ident.control.controllers.controller import Command, Diagnostics, Measured
-from ident.control.controllers.steady import Deviation, SteadyCornering
+from ident.control.controllers.steady import Deviation, SteeredBeside
 from ident.control.controllers.weights import PURE_PURSUIT_GAINS
 from ident.control.reference import Reference
-from ident.control.truck import Truck
 
 
-class PurePursuit:
+class PurePursuit(SteeredBeside):
     """Steers by pure pursuit; the speed is held beside it.
 
-    truck : as it is believed to be; period : [s]
     weights : look_ahead_time t_a [s], shortest_look_ahead l_min [m]
     """
 
     name = "pure_pursuit"
-
-    def __init__(self, truck: Truck, period: float, weights: Mapping[str, float] | None = None) -> None:
-        self.period = period
-        self.weights = dict(PURE_PURSUIT_GAINS if weights is None else weights)
-        self.cornering = SteadyCornering(truck, period, self.weights["lead"])
-
-    @property
-    def base(self) -> Base:
-        """What all controllers share."""
-        return self.cornering.base
-
-    def reset(self) -> None:
-        """Forget all runs before."""
-        self.cornering.reset()
+    gains = PURE_PURSUIT_GAINS
 
     def step(self, measured: Measured, reference: Reference) -> tuple[Command, Diagnostics]:
         """Return the command for the period that begins now."""

@@ -11,38 +11,21 @@ steering lags far more than that of the car it was made for.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
-from ident.control.controllers.base import Base
 from ident.control.controllers.controller import Command, Diagnostics, Measured
-from ident.control.controllers.steady import SteadyCornering
+from ident.control.controllers.steady import SteeredBeside
 from ident.control.controllers.weights import STANLEY_GAINS
 from ident.control.reference import Reference
-from ident.control.truck import Truck
 
 
-class Stanley:
+class Stanley(SteeredBeside):
     """Steers by Stanley's law; the speed is held beside it.
 
-    truck : as it is believed to be; period : [s]
     weights : error_gain k [1/s], softening_speed v_s [m/s], heading_gain k_ψ, yaw_rate_gain k_r [s]
     """
 
     name = "stanley"
-
-    def __init__(self, truck: Truck, period: float, weights: Mapping[str, float] | None = None) -> None:
-        self.period = period
-        self.weights = dict(STANLEY_GAINS if weights is None else weights)
-        self.cornering = SteadyCornering(truck, period, self.weights["lead"])
-
-    @property
-    def base(self) -> Base:
-        """What all controllers share."""
-        return self.cornering.base
-
-    def reset(self) -> None:
-        """Forget all runs before."""
-        self.cornering.reset()
+    gains = STANLEY_GAINS
 
     def step(self, measured: Measured, reference: Reference) -> tuple[Command, Diagnostics]:
         """Return the command for the period that begins now."""

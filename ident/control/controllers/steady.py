@@ -8,7 +8,9 @@ steering; they decide instead on where the truck will be when those have passed,
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,6 +111,31 @@ class SteadyCornering:
         turn, speed = index["yaw_rate"], index["longitudinal_velocity"]
         wanted = goals.states[0, turn] * state[speed] / goals.states[0, speed]
         return float(state[turn] - wanted)
+
+
+class SteeredBeside:
+    """A controller that steers beside steady cornering by a law of its own; the speed is held beside it.
+
+    truck : as it is believed to be; period : [s]
+    weights : of the law, with ``lead``; those of ``gains`` where None
+    """
+
+    name: ClassVar[str]
+    gains: ClassVar[Mapping[str, float]]
+
+    def __init__(self, truck: Truck, period: float, weights: Mapping[str, float] | None = None) -> None:
+        self.period = period
+        self.weights = dict(self.gains if weights is None else weights)
+        self.cornering = SteadyCornering(truck, period, self.weights["lead"])
+
+    @property
+    def base(self) -> Base:
+        """What all controllers share."""
+        return self.cornering.base
+
+    def reset(self) -> None:
+        """Forget all runs before."""
+        self.cornering.reset()
 
 
 def angle_per_curvature(prediction: Prediction, speed: float, tracked_x: float) -> float:

@@ -33,7 +33,6 @@ from ident.dynamics.tyres.pac2002 import (
     Contact,
     aligning_moment,
     lateral_force,
-    longitudinal_force,
 )
 from ident.dynamics.tyres.pac2002_coefficients import SCALING, Pac2002, Part
 from ident.dynamics.tyres.pac2002_combined import (
@@ -110,11 +109,6 @@ def pac2002_axle(tyre: Pac2002, tyres: int = 2, free: tuple[str, ...] = FITTED) 
 def scaling_of(tyre: Pac2002, free: tuple[str, ...] = FITTED) -> dict[str, float]:
     """Return the file's own values of scaling factors, with which its curve is its own."""
     return {name: tyre.value(name) for name in free}
-
-
-def pure_forces(c: Coefficients, contact: Contact) -> Forces:
-    """Forces of one tyre where longitudinal and lateral slip do not touch each other, in the file's signs."""
-    return Forces(longitudinal_force(c, contact), lateral_force(c, contact), aligning_moment(c, contact))
 
 
 def combined_forces(c: Coefficients, contact: Contact) -> Forces:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ident.report import figures
 from ident.report.condense import Line
-from ident.report.numbers import NONE, count, duration, listed, percent, shorten, significant, with_unit
+from ident.report.numbers import NONE, count, duration, percent, shorten, significant, with_unit
 from ident.report.page import Block, Cell, Code, Column, Details, Facts, Figure, Lines, Table, Text, Tone
 from ident.results import Damage, Provenance, RunHealth, TopicHealth
 
@@ -299,8 +299,3 @@ def provenance_blocks(provenance: Provenance) -> list[Block]:
     )
     read: Block = files if provenance.files else Text("No log was read.", "muted")
     return [Code(provenance.command), facts, *([applied] if provenance.applied else []), read]
-
-
-def runs_named(runs: Sequence[RunHealth]) -> str:
-    """Count the runs and name the first of them."""
-    return f"{count(len(runs), 'run')}: {listed([shorten(run.name, 40) for run in runs])}"
