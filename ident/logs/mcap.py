@@ -186,24 +186,27 @@ class McapStorage:
             self._lost_chunk = loss
             self._losses.append(loss)
             return
-        last = self._take_chunk_records(data, len(self._chunks))
         begin = record.offset + chunk.data_offset
         self._chunks.append(
             _Place(begin, len(chunk.data), chunk.size, chunk.compression, complete=record.complete)
         )
+        last = self._take_chunk_records(data, record.offset, len(self._chunks) - 1)
         if not record.complete:
-            seconds = (chunk.end - max(last, chunk.start)) / 1e9
+            seconds = max(chunk.end - max(last, chunk.start), 0) / 1e9
             self._losses.append(Loss("a chunk cut off at the end", record.offset, seconds=seconds))
 
-    def _take_chunk_records(self, data: bytes, number: int) -> int:
-        """Index the records of a chunk; return the log time of its last message [ns]."""
+    def _take_chunk_records(self, data: bytes, offset: int, number: int) -> int:
+        """Index the records of the chunk at ``offset``; return the log time of its last message [ns]."""
         last = 0
         for opcode, begin, end in records.inner_records(data):
             if opcode == records.MESSAGE and end - begin >= 22:
                 channel, last, published, start = records.read_message_head(data, begin)
                 self._index_of(channel).add(last, published, number, start, end)
             elif opcode in {records.SCHEMA, records.CHANNEL}:
-                self._take_definition(opcode, data[begin:end])
+                try:
+                    self._take_definition(opcode, data[begin:end])
+                except struct.error:
+                    self._losses.append(Loss("unreadable record in a chunk", offset, bytes=end - begin))
         return last
 
     def _index_of(self, channel: int) -> _Index:

@@ -95,7 +95,7 @@ class TableLog:
 
     def _read_parquet(self) -> pd.DataFrame:
         try:
-            return pq.read_table(self.path).to_pandas()  # type: ignore[no-any-return]
+            return pq.read_table(self.path).to_pandas(ignore_metadata=True)  # type: ignore[no-any-return]
         except (pa.ArrowException, OSError, ValueError) as error:
             reason = " ".join(str(error).split())[:160]
             raise UnusableLog(f"{self.path}: Parquet file that cannot be read ({reason})") from error

@@ -17,6 +17,10 @@ class Damage:
     seconds_lost: float | None = None
     bytes_lost: int | None = None
 
+    def __post_init__(self) -> None:
+        """Put on one line what may quote the log."""
+        object.__setattr__(self, "what", " ".join(self.what.split()))
+
 
 @dataclass(frozen=True)
 class Gap:

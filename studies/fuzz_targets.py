@@ -1,0 +1,141 @@
+"""DAMAGED FILES -> WHAT BECOMES OF THEM: everything that can be read of them is read.
+
+What may come out: values, or one of the project's own errors in one line. Anything else is a defect, also a
+loss below zero, columns of different lengths, a message in several lines, or a change of the file itself.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from log_corpus import definition_of
+
+from ident.errors import IdentError
+from ident.logs import FieldError, Log, find_runs, open_log
+from ident.logs.decode import BinaryDecoder
+from ident.logs.idl import idl_schema
+from ident.logs.record import Channel, Stored
+from ident.logs.type_object import read_type_objects
+from ident.results import Damage
+from ident.signals.channel_map import read_channel_map
+
+MOST_FIELDS = 60
+OWN = (IdentError, FieldError)
+
+
+class BrokenPromise(AssertionError):
+    """What came out contradicts itself."""
+
+
+def check(*, holds: bool, what: str) -> None:
+    """Say ``what`` where it does not hold."""
+    if not holds:
+        raise BrokenPromise(what)
+
+
+def outcome(kind: str, files: Mapping[str, bytes], folder: Path) -> str:
+    """Read damaged files in an empty ``folder``: "read", "damaged" or "refused".
+
+    Raises
+    ------
+    Exception
+        Anything that is not the project's own: a defect.
+    """
+    try:
+        if kind == "definitions":
+            return _definition(files)
+        if kind == "cdr":
+            return _message(files)
+        for name, data in files.items():
+            (folder / name).write_bytes(data)
+        if kind == "channels":
+            read_channel_map(folder / "channels.yaml")
+            return "read"
+        return _log(kind, files, folder)
+    except OWN as error:
+        check(holds=bool(str(error)), what="an error without a word")
+        return "refused"
+
+
+def _log(kind: str, files: Mapping[str, bytes], folder: Path) -> str:
+    path = folder / next(iter(files))
+    whole = kind == "folder" and "metadata.yaml" in files
+    runs = find_runs([folder]) if whole else []
+    log = open_log(runs[0].path, runs[0].files) if whole else open_log(path)
+    try:
+        damage = read_whole(log)
+    finally:
+        log.close()
+    left = {each.name: hashlib.sha256(each.read_bytes()).digest() for each in folder.iterdir()}
+    check(
+        holds=left == {name: hashlib.sha256(data).digest() for name, data in files.items()},
+        what=f"the files are not what they were: {sorted(left)}",
+    )
+    return "damaged" if damage else "read"
+
+
+def read_whole(log: Log) -> list[Damage]:
+    """Read all fields of all topics; return all damage."""
+    damage = list(log.damage)
+    for topic in log.topics:
+        times = log.times(topic.name)
+        check(holds=len(times) == topic.messages, what=f"{topic}: {len(times)} times")
+        try:
+            fields = log.fields(topic.name)
+            for name in fields:
+                log.expand(topic.name, name)
+            columns = log.columns(topic.name, list(fields)[:MOST_FIELDS])
+        except FieldError as error:
+            damage.append(Damage(str(error)))
+            continue
+        damage += columns.damage
+        count = len(columns.log_time)
+        check(holds=count <= topic.messages, what=f"{topic}: {count} messages")
+        lost = sum(each.messages_lost or 0 for each in columns.damage)
+        check(holds=count + lost == topic.messages, what=f"{topic}: {count} decoded, {lost} lost")
+        stamps = columns.header_stamp
+        check(holds=stamps is None or len(stamps) == count, what=f"{topic}: stamps")
+        check(holds=all(len(each) == count for each in columns.values.values()), what=f"{topic}: values")
+        kinds = {each.dtype for each in columns.values.values()}
+        check(holds=kinds <= {np.dtype(np.float64)}, what=f"{topic}: {kinds}")
+    for each in damage:
+        counts = [each.messages_lost, each.seconds_lost, each.bytes_lost]
+        check(holds=all(n is None or 0 <= n < float("inf") for n in counts), what=f"{each}")
+        check(holds=bool(each.what) and "\n" not in each.what, what=f"not one line: {each}")
+    return damage
+
+
+def _definition(files: Mapping[str, bytes]) -> str:
+    ((language, data),) = files.items()
+    text = data.decode("utf-8", "replace")
+    if language == "idl":
+        for name in ("truck::State", "truck::Angle"):
+            channel = Channel("/x", name, "cdr", text, "omgidl")
+            BinaryDecoder(channel).fields()
+        idl_schema.cache_clear()
+    elif language == "type object":
+        hashed = base64.b64encode(b"\xf2" + bytes(14)).decode()
+        rows = [("truck::Angle", hashed, base64.b64encode(data).decode())]
+        schema = read_type_objects(rows).schema("truck::Angle").check()
+        BinaryDecoder(Channel("/x", "truck::Angle", "cdr", "", "", schema)).fields()
+    else:
+        encoding = "ros1" if language == "ros1msg" else "cdr"
+        BinaryDecoder(Channel("/x", "truck_msgs/msg/State", encoding, text, language)).fields()
+    return "read"
+
+
+def _message(files: Mapping[str, bytes]) -> str:
+    """Decode a message alone, and among sound ones, all as one column."""
+    ((name, data),) = files.items()
+    language, text = definition_of(name)
+    decoder = BinaryDecoder(Channel("/x", name, "cdr", text, language))
+    fields = list(decoder.fields())[:MOST_FIELDS]
+    stored = Stored(np.zeros(3, np.int64), [data, data, data[:-1]])
+    columns = decoder.columns(stored, fields)
+    lost = sum(each.messages_lost or 0 for each in columns.damage)
+    check(holds=len(columns.log_time) + lost == 3, what=f"{len(columns.log_time)} read, {lost} lost of 3")
+    return "damaged" if columns.damage else "read"
