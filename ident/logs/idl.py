@@ -2,17 +2,19 @@
 
 Structs (with a base), enums (read as their number), typedefs, constants, nested modules, bounded and
 unbounded strings and sequences, arrays, and the annotations that change how a message is laid out:
-``@final``, ``@appendable``, ``@mutable``, ``@extensibility``, ``@optional``, ``@bit_bound``, ``@nested``
-(DDS-XTypes 1.3, 7.3; a type without one of the first is appendable, 7.3.3.1). Unions, maps, bit sets,
-mutable types and wide text are not read: a message that holds one is refused.
+``@final``, ``@appendable``, ``@mutable``, ``@extensibility``, ``@optional``, ``@bit_bound``, ``@id``,
+``@hashid``, ``@autoid`` (DDS-XTypes 1.3, 7.3; a type without one of the first is appendable, 7.3.3.1). Bit
+masks are read as their number. Unions, maps, bit sets and wide text are not read: a message that holds one is
+refused by name. A definition that cannot be read costs only the types that are made of it.
 """
 
 from __future__ import annotations
 
 import ast
+import hashlib
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -37,12 +39,14 @@ _SIMPLE: dict[str, Kind] = {
     "octet": Number("uint8"), "char": Number("uint8"), "wchar": WIDE,
 }  # fmt: skip
 _EXTENSIBILITY = {"final", "appendable", "mutable"}
+_ID_BITS = 0x0FFFFFFF
+_UNSIGNED = ((8, "uint8"), (16, "uint16"), (32, "uint32"), (64, "uint64"))
 _MOST_TOKENS = 1_000_000
 
 
 @dataclass
 class _Type:
-    """A struct as it is read, or what stands for it."""
+    """A struct as it is read; a member without an id has that of the one before it and one more."""
 
     members: list[Member] = field(default_factory=list)
     extensibility: str = "appendable"
@@ -62,18 +66,20 @@ def idl_schema(kind: str, text: str, *, guess: bool = False) -> Schema:
     FieldError
         If it cannot be read, or does not define the type or what it is made of.
     """
+    parser = _parsed(text)
+    root = parser.find_root(kind, guess=guess)
+    types = {name: parser.members_of(name) for name in parser.structs}
+    return Schema(root, types, parser.names_of("appendable"), parser.names_of("mutable")).check()
+
+
+@lru_cache(maxsize=64)
+def _parsed(text: str) -> _Parser:
     parser = _Parser(text)
     try:
         parser.definitions("")
     except (IndexError, ValueError, RecursionError) as error:
-        reason = "it ends early" if isinstance(error, IndexError) else str(error)
-        raise FieldError(f"definition of {kind} cannot be read as IDL: {reason[:160]}") from error
-    root = parser.find_root(kind, guess=guess)
-    types = {name: parser.members_of(name) for name in parser.structs}
-    delimited = frozenset(
-        name for name, type_ in parser.structs.items() if type_.extensibility == "appendable"
-    )
-    return Schema(root, types, delimited).check()
+        parser.problems.setdefault("", _reason(error))
+    return parser
 
 
 class _Parser:
@@ -84,6 +90,7 @@ class _Parser:
         self._tokens = list(_tokens(text))
         self._at = 0
         self.structs: dict[str, _Type] = {}
+        self.problems: dict[str, str] = {}
         self._aliases: dict[str, Kind] = {}
         self._constants: dict[str, int | float] = {}
 
@@ -100,12 +107,19 @@ class _Parser:
         outer = [name for name in self.structs if name not in used]
         if guess and len(outer) == 1:
             return outer[0]
+        problems = [why for name, why in self.problems.items() if not name or normal(name) == normal(kind)]
+        if problems:
+            raise FieldError(f"definition of {kind} cannot be read as IDL: {problems[-1][:160]}")
         raise FieldError(
             f"the definition does not define {kind}, only {', '.join(self.structs) or 'nothing'}"
         )
 
+    def names_of(self, extensibility: str) -> frozenset[str]:
+        """Names of the structs of one extensibility."""
+        return frozenset(n for n, type_ in self.structs.items() if type_.extensibility == extensibility)
+
     def members_of(self, name: str) -> list[Member]:
-        """Members of a struct, those of its base first."""
+        """Members of a struct, those of its base first, each with its id."""
         type_ = self.structs[name]
         seen = {name}
         members = list(type_.members)
@@ -115,33 +129,53 @@ class _Parser:
             seen.add(type_.base)
             type_ = self.structs[type_.base]
             members = [*type_.members, *members]
-        return members
+        return list(_numbered(members))
 
     # --- definitions ------------------------------------------------------------------------------
 
-    def definitions(self, scope: str) -> None:
-        """Read definitions up to the end of the text or of a module."""
+    def definitions(self, scope: str, outer: Mapping[str, str] | None = None) -> None:
+        """Read definitions up to the end of the text or of a module, annotated with ``outer``."""
+        inherited = {key: value for key, value in (outer or {}).items() if key == "autoid"}
         while self._at < len(self._tokens) and self._peek() != "}":
-            notes = self._annotations()
+            notes = {**inherited, **self._annotations()}
             word = self._next()
             if word == "module":
                 name = self._next()
                 self._expect("{")
-                self.definitions(f"{scope}{name}::")
+                self.definitions(f"{scope}{name}::", notes)
                 self._expect("}")
-            elif word == "struct":
-                self._struct(scope, notes)
-            elif word == "enum":
-                self._enum(scope, notes)
-            elif word == "typedef":
-                kind = self._kind(scope)
-                for name, declared in self._declarators(kind, scope):
-                    self._aliases[scope + name] = declared
-            elif word == "const":
-                self._constant(scope)
             else:
-                self._skip(word, scope)
+                begin = self._at
+                try:
+                    self._definition(word, scope, notes)
+                except (ValueError, KeyError, IndexError) as error:
+                    self._pass_over(begin, scope, _reason(error))
             self._accept(";")
+
+    def _definition(self, word: str, scope: str, notes: dict[str, str]) -> None:
+        if word == "struct":
+            self._struct(scope, notes)
+        elif word == "enum":
+            self._enum(scope, notes)
+        elif word == "bitmask":
+            self._bitmask(scope, notes)
+        elif word == "typedef":
+            kind = self._kind(scope)
+            for name, declared in self._declarators(kind, scope):
+                self._aliases[scope + name] = declared
+        elif word == "const":
+            self._constant(scope)
+        else:
+            self._skip(word, scope)
+
+    def _pass_over(self, begin: int, scope: str, reason: str) -> None:
+        """Go on behind a definition that cannot be read; what is made of it is refused with the reason."""
+        self._at = begin
+        name = scope + self._peek()
+        self.structs.pop(name, None)
+        self.problems[name] = self.problems[""] = reason
+        self._aliases[name] = Unknown(f"its definition cannot be read as IDL: {reason[:120]}")
+        self._to_semicolon()
 
     def _struct(self, scope: str, notes: dict[str, str]) -> None:
         name = self._next()
@@ -154,14 +188,28 @@ class _Parser:
             type_.base = self._resolve(base, scope, self.structs) or base
         self.structs[scope + name] = type_
         self._expect("{")
-        if type_.extensibility == "mutable":
-            type_.members.append(Member(name, Unknown("a mutable type is not read")))
+        hashed = notes.get("autoid", "sequential").lower() != "sequential"
         while not self._accept("}"):
             notes = self._annotations()
+            optional = notes.get("optional", "false").lower() != "false"
             kind = self._kind(scope)
             for member, declared in self._declarators(kind, scope):
-                type_.members.append(Member(member, declared, optional="optional" in notes))
+                number = self._member_id(member, notes, scope, hashed=hashed)
+                type_.members.append(Member(member, declared, optional, number))
             self._expect(";")
+
+    def _member_id(self, name: str, notes: dict[str, str], scope: str, *, hashed: bool) -> int | None:
+        """Id that a member is given by its annotations; that of a hash as in DDS-XTypes 1.3, 7.3.1.2.1.1."""
+        if "id" in notes:
+            value = self._evaluate([notes["id"]], scope)
+            if value is None:
+                raise ValueError(f"the id of {name} is not known")
+            return int(value) & _ID_BITS
+        if "hashid" in notes or hashed:
+            text = notes.get("hashid", "").strip('"') or name
+            digest = hashlib.md5(text.encode(), usedforsecurity=False).digest()
+            return int.from_bytes(digest[:4], "little") & _ID_BITS
+        return None
 
     def _enum(self, scope: str, notes: dict[str, str]) -> None:
         name = self._next()
@@ -176,6 +224,15 @@ class _Parser:
             self._accept(",")
         self._aliases[scope + name] = Number(f"int{8 if bits <= 8 else 16 if bits <= 16 else 32}", enum=True)
 
+    def _bitmask(self, scope: str, notes: dict[str, str]) -> None:
+        name, bits = self._next(), int(notes.get("bit_bound", "32"))
+        self._expect("{")
+        self._until("}")
+        kinds = [kind for most, kind in _UNSIGNED if bits <= most]
+        if not kinds:
+            raise ValueError(f"bitmask {name} has {bits} bits, need at most 64")
+        self._aliases[scope + name] = Number(kinds[0], enum=True)
+
     def _constant(self, scope: str) -> None:
         self._kind(scope)
         name = self._next()
@@ -189,12 +246,16 @@ class _Parser:
 
     def _skip(self, word: str, scope: str) -> None:
         """Pass over a definition that is not read; types that refer to it are refused."""
-        known = word in {"union", "bitset", "bitmask", "interface", "exception", "valuetype", "native"}
+        known = word in {"union", "bitset", "interface", "exception", "valuetype", "native"}
         if not known and word != "@":
             raise ValueError(f"{word!r} where a definition is needed")
-        self._aliases[scope + self._peek()] = Unknown(f"a {word} is not read")
+        self._aliases[scope + self._peek()] = Unknown(f"{word} {self._peek()} is not read")
+        self._to_semicolon()
+
+    def _to_semicolon(self) -> None:
+        """Go to the end of a definition, or of the module that it is the last of."""
         depth = 0
-        while depth or self._peek() != ";":
+        while self._at < len(self._tokens) and (depth or self._peek() not in {";", "}"}):
             depth += {"{": 1, "}": -1}.get(self._next(), 0)
 
     # --- types ------------------------------------------------------------------------------------
@@ -312,6 +373,19 @@ class _Parser:
         found = self._next()
         if found != word:
             raise ValueError(f"{found!r} where {word!r} is needed")
+
+
+def _reason(error: Exception) -> str:
+    return "it ends early" if isinstance(error, IndexError) else str(error)
+
+
+def _numbered(members: list[Member]) -> Iterator[Member]:
+    """Give each member without an id one more than that of the one before it, the first 0."""
+    number = 0
+    for member in members:
+        number = number if member.id is None else member.id
+        yield replace(member, id=number)
+        number = (number + 1) & _ID_BITS
 
 
 def _structs(type_: _Type) -> Iterator[Struct]:

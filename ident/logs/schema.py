@@ -26,7 +26,7 @@ _ROS_NUMBERS = {"char": "uint8", "octet": "uint8"}
 
 @dataclass(frozen=True)
 class Number:
-    """A number, by its numpy type; that of an enum is the value of one of its names."""
+    """A number, by its numpy type; ``enum``: the value of one of several names, or the bits of a mask."""
 
     type: str
     enum: bool = False
@@ -64,11 +64,15 @@ Kind = Number | Text | Struct | Many | Unknown
 
 @dataclass(frozen=True)
 class Member:
-    """One field of a type; an optional one may be absent from a message."""
+    """One field of a type; an optional one may be absent from a message.
+
+    id : number of the member in parameter lists, None where the definition gives none
+    """
 
     name: str
     kind: Kind
     optional: bool = False
+    id: int | None = None
 
 
 @dataclass(frozen=True)
@@ -76,18 +80,25 @@ class Schema:
     """All types that a message needs.
 
     types : name -> members in their order
-    delimited : types before which XCDR2 writes their length
+    delimited : types before which XCDR2 writes their length (appendable ones)
+    mutable : types that are written as a parameter list
     """
 
     root: str
     types: Mapping[str, Sequence[Member]]
     delimited: frozenset[str] = field(default_factory=frozenset)
+    mutable: frozenset[str] = field(default_factory=frozenset)
 
     def check(self) -> Schema:
         """Return itself; ``FieldError`` where it holds what cannot be read."""
         for name in self._used():
             if name not in self.types:
                 raise FieldError(f"definition of {self.root} is incomplete: {name} is not defined")
+            numbers = [member.id for member in self.types[name]]
+            if name in self.mutable and len(set(numbers)) < len(numbers):
+                raise FieldError(
+                    f"{name}: two of its members have the same id, a mutable type needs different ones"
+                )
             for member in self.types[name]:
                 inner = innermost(member.kind)
                 if isinstance(inner, Unknown):

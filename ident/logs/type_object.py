@@ -11,15 +11,17 @@ import base64
 import binascii
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from ident.logs.record import FieldError
 from ident.logs.schema import Kind, Many, Member, Number, Schema, Struct, Text, Unknown
 
 COMPLETE, MINIMAL = 0xF2, 0xF1
-ALIAS, ENUM, STRUCTURE = 0x30, 0x40, 0x51
+ALIAS, ENUM, BITMASK, STRUCTURE = 0x30, 0x40, 0x41, 0x51
 APPENDABLE, MUTABLE, OPTIONAL = 0x02, 0x04, 0x08
+UNION = 0x52
 HASH = 14
+NO_BASE = Unknown("no type is not read")
 _PRIMITIVES = {
     0x01: "bool", 0x02: "uint8", 0x03: "int16", 0x04: "int32", 0x05: "int64", 0x06: "uint16", 0x07: "uint32",
     0x08: "uint64", 0x09: "float32", 0x0A: "float64", 0x0C: "int8", 0x0D: "uint8", 0x10: "uint8",
@@ -28,28 +30,51 @@ _DEEPEST = 32
 
 
 @dataclass(frozen=True)
+class _Type:
+    """A struct: what is its own, and the kind of its base, None where it has none."""
+
+    members: list[Member]
+    flags: int = 0
+    base: Kind | None = None
+
+
+@dataclass(frozen=True)
 class TypeObjects:
     """All types of a recording by the text of their hash; ``names``: type name -> that text."""
 
     names: dict[str, str] = field(default_factory=dict)
-    structs: dict[str, list[Member]] = field(default_factory=dict)
+    structs: dict[str, _Type] = field(default_factory=dict)
     others: dict[str, Kind] = field(default_factory=dict)
-    delimited: frozenset[str] = frozenset()
 
     def schema(self, name: str) -> Schema:
         """Return the definition of a type; ``FieldError`` where there is none."""
         if name not in self.names:
             raise FieldError(f"the recording holds no definition of {name}")
-        key = self.names[name]
         called = {hashed: name for name, hashed in self.names.items()}
         types = {
-            called.get(hashed, hashed): [self._named(member, called) for member in members]
-            for hashed, members in self.structs.items()
+            called.get(hashed, hashed): [
+                replace(member, kind=self._resolved(member.kind, called, 0))
+                for member in self._members(hashed, 0)
+            ]
+            for hashed in self.structs
         }
-        return Schema(called[key], types, frozenset(called.get(hashed, hashed) for hashed in self.delimited))
+        delimited, mutable = (
+            frozenset(
+                called.get(hashed, hashed) for hashed, type_ in self.structs.items() if type_.flags & flag
+            )
+            for flag in (APPENDABLE, MUTABLE)
+        )
+        return Schema(called[self.names[name]], types, delimited, mutable)
 
-    def _named(self, member: Member, called: dict[str, str]) -> Member:
-        return Member(member.name, self._resolved(member.kind, called, 0), member.optional)
+    def _members(self, key: str, depth: int) -> list[Member]:
+        """Members of a struct, those of its base first."""
+        type_ = self.structs[key]
+        if type_.base is None:
+            return type_.members
+        base = type_.base.name if isinstance(type_.base, Struct) else ""
+        if base not in self.structs or depth >= _DEEPEST:
+            return [Member("", Unknown("a type whose base the recording does not define is not read"))]
+        return [*self._members(base, depth + 1), *type_.members]
 
     def _resolved(self, kind: Kind, called: dict[str, str], depth: int) -> Kind:
         """Follow enums and aliases, and name what is a struct."""
@@ -65,24 +90,21 @@ class TypeObjects:
 def read_type_objects(rows: Sequence[tuple[str, str, str]]) -> TypeObjects:
     """Read (name, identifier, object) of each type, the last two in base64; leave out what cannot be read."""
     names: dict[str, str] = {}
-    structs: dict[str, list[Member]] = {}
+    structs: dict[str, _Type] = {}
     others: dict[str, Kind] = {}
-    delimited: set[str] = set()
     for name, identifier, data in rows:
         try:
             key = base64.b64decode(identifier, validate=True)[1 : 1 + HASH].hex()
             parser = _Parser(base64.b64decode(data, validate=True))
-            flags, read = parser.type_object()
+            read = parser.type_object()
         except (binascii.Error, struct.error, IndexError, UnicodeDecodeError, RecursionError):
             continue
         names[name] = key
-        if isinstance(read, list):
+        if isinstance(read, _Type):
             structs[key] = read
-            if flags & APPENDABLE:
-                delimited.add(key)
         else:
             others[key] = read
-    return TypeObjects(names, structs, others, frozenset(delimited))
+    return TypeObjects(names, structs, others)
 
 
 class _Parser:
@@ -92,51 +114,52 @@ class _Parser:
         self._data = data
         self._at = 0
 
-    def type_object(self) -> tuple[int, list[Member] | Kind]:
-        """Return the flags of a type, and its members or what stands for it."""
+    def type_object(self) -> _Type | Kind:
+        """Return a struct, or what stands for a type of another kind."""
         self._number("I")
         if self._number("B") != COMPLETE:
-            return 0, Unknown("only complete type objects are read")
+            return Unknown("only complete type objects are read")
         kind = self._number("B")
         flags = self._number("H")
         if kind == STRUCTURE:
-            return flags, self._struct(flags)
-        if kind == ENUM:
+            return self._struct(flags)
+        if kind in {ENUM, BITMASK}:
             self._number("I")
             bits = self._number("H")
-            return flags, Number(f"int{8 if bits <= 8 else 16 if bits <= 16 else 32}", enum=True)
+            size = next((size for size in (8, 16, 32) if bits <= size), 32 if kind == ENUM else 64)
+            return Number(f"{'' if kind == ENUM else 'u'}int{size}", enum=True)
         if kind == ALIAS:
             self._at = self._end()
             self._number("I")
             self._number("H")
-            return flags, self._identifier(0)
-        return flags, Unknown(f"a type of kind {kind:#x} is not read")
+            return self._identifier(0)
+        what = "a union" if kind == UNION else f"a type of kind {kind:#x}"
+        return Unknown(f"{what} is not read")
 
-    def _struct(self, flags: int) -> list[Member]:
+    def _struct(self, flags: int) -> _Type:
         header = self._end()
-        base = self._number("B")
+        base = self._identifier(0)
         self._at = header
-        if flags & MUTABLE:
-            return [Member("", Unknown("a mutable type is not read"))]
-        if base:
-            return [Member("", Unknown("a type with a base is not read"))]
         self._number("I")
-        return [self._member() for _ in range(self._number("I"))]
+        members = [self._member() for _ in range(self._number("I"))]
+        return _Type(members, flags, None if base == NO_BASE else base)
 
     def _member(self) -> Member:
         end = self._end()
-        self._number("I")
+        number = self._number("I")
         flags = self._number("H")
         kind = self._identifier(0)
         size = self._number("I")
         name = self._data[self._at : self._at + size - 1].decode("utf-8")
         self._at = end
-        return Member(name, kind, bool(flags & OPTIONAL))
+        return Member(name, kind, bool(flags & OPTIONAL), number)
 
     def _identifier(self, depth: int) -> Kind:
         if depth > _DEEPEST:
             raise RecursionError
         kind = self._number("B")
+        if not kind:
+            return NO_BASE
         if kind in _PRIMITIVES:
             return Number(_PRIMITIVES[kind])
         if kind in {0x70, 0x71}:

@@ -98,8 +98,8 @@ def test_messages_of_which_each_has_its_own_layout_are_all_read():
     ("text", "reason"),
     [
         ("struct T { Other o; };", "Other is not defined"),
-        ("union U switch (long) { case 1: long a; }; struct T { U u; };", "a union is not read"),
-        ("@mutable struct T { long a; };", "a mutable type is not read"),
+        ("union U switch (long) { case 1: long a; }; struct T { U u; };", "T.u: union U is not read"),
+        ("@mutable struct T { @id(3) long a; @id(3) long b; };", "two of its members have the same id"),
         ("struct T { wstring w; };", "wide text is not read"),
         ("struct T { map<long, long> m; };", "a map is not read"),
         ("struct T { long a[N]; };", "the size of a is not known"),
