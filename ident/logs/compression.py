@@ -1,8 +1,13 @@
-"""Decompression that keeps what can be read of data that is cut off."""
+"""Decompression that keeps what can be read of data that is cut off, and that no file can make burst.
+
+What claims, or turns out, to hold more than ``MOST_EXPANSION`` times the bytes it takes is refused, but for
+what is no more than ``SMALL``.
+"""
 
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import lz4.frame
@@ -10,17 +15,29 @@ import zstandard
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 LARGEST_CHUNK = 1 << 31
+MOST_EXPANSION = 1000
+SMALL = 64 << 20
 _BLOCK = 1 << 20
+_STEP = 4096  # of zstd 4 bytes can stand for 128 kB
 
 
 class Damaged(ValueError):
     """Compressed data does not unpack to what was written."""
 
 
+class CutOff(Damaged):
+    """Compressed data ends early; what came before is sound."""
+
+
+def most_bytes(packed: int) -> int:
+    """Return how many bytes ``packed`` bytes may unpack to."""
+    return max(SMALL, MOST_EXPANSION * packed)
+
+
 def decompress_chunk(data: bytes, compression: str, size: int, crc: int) -> bytes:
     """Unpack an MCAP chunk to its ``size`` bytes and check its CRC-32 (0: none was written)."""
-    if size > LARGEST_CHUNK:
-        raise Damaged(f"claims to hold {size} bytes")
+    if size > min(most_bytes(len(data)), LARGEST_CHUNK):
+        raise Damaged(f"claims to hold {size} bytes in {len(data)}")
     try:
         raw = _unpack(data, compression, size)
     except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
@@ -48,10 +65,11 @@ def salvage(data: bytes, compression: str) -> bytes:
     """Unpack the beginning of a chunk whose end is missing; empty where nothing can be read."""
     try:
         if compression == "zstd":
-            return bytes(zstandard.ZstdDecompressor().decompressobj().decompress(data))
+            return _until_cut_off(_zstd_pieces([data]))
         if compression == "lz4":
-            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data))
-    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError):
+            most = most_bytes(len(data))
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most))
+    except (Damaged, RuntimeError, EOFError, MemoryError):
         return b""
     return b"" if compression else data
 
@@ -59,22 +77,51 @@ def salvage(data: bytes, compression: str) -> bytes:
 def decompress_message(data: bytes) -> bytes | None:
     """Unpack one message of a bag with message compression, None where it is damaged."""
     try:
-        return bytes(zstandard.ZstdDecompressor().decompressobj().decompress(data))
-    except (zstandard.ZstdError, MemoryError):
+        return b"".join(_zstd_pieces([data]))
+    except (Damaged, MemoryError):
         return None
 
 
 def decompress_file(source: Path, target: Path) -> str | None:
     """Unpack a zstd file as far as it goes; return what stopped it, None where it is whole."""
-    unpacker = zstandard.ZstdDecompressor().decompressobj()
     with source.open("rb") as packed, target.open("wb") as raw:
-        while block := packed.read(_BLOCK):
-            while block:
+        try:
+            for piece in _zstd_pieces(iter(lambda: packed.read(_BLOCK), b"")):
+                raw.write(piece)
+        except (Damaged, MemoryError) as error:
+            return str(error)
+    return None
+
+
+def _zstd_pieces(blocks: Iterable[bytes]) -> Iterator[bytes]:
+    """Unpack one zstd frame after another, little by little; ``Damaged`` where that ends early."""
+    unpacker = zstandard.ZstdDecompressor().decompressobj()
+    taken = given = 0
+    for block in blocks:
+        for start in range(0, len(block), _STEP):
+            rest = block[start : start + _STEP]
+            taken += len(rest)
+            while rest:
                 if unpacker.eof:  # another frame follows
                     unpacker = zstandard.ZstdDecompressor().decompressobj()
                 try:
-                    raw.write(unpacker.decompress(block))
-                except (zstandard.ZstdError, MemoryError) as error:
-                    return str(error)
-                block = unpacker.unused_data
-    return None if unpacker.eof else "cut off"
+                    piece = unpacker.decompress(rest)
+                except zstandard.ZstdError as error:
+                    raise Damaged(str(error)) from error
+                rest = unpacker.unused_data
+                given += len(piece)
+                if given > most_bytes(taken):
+                    raise Damaged(f"the first {taken} bytes unpack to {given}: too many to be a recording")
+                yield piece
+    if not unpacker.eof:
+        raise CutOff("cut off")
+
+
+def _until_cut_off(pieces: Iterator[bytes]) -> bytes:
+    kept = []
+    try:
+        for piece in pieces:
+            kept.append(piece)  # noqa: PERF402 (what came before the error is wanted)
+    except CutOff:
+        pass
+    return b"".join(kept)

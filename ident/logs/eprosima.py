@@ -24,7 +24,7 @@ from ident.logs.damage import Loss, summarise
 from ident.logs.idl import idl_schema, idl_text_beside
 from ident.logs.record import Channel, FieldError, Stored, Times
 from ident.logs.schema import Schema, normal, standard_schema
-from ident.logs.sqlite_file import Row, SqliteFile, walk_rows
+from ident.logs.sqlite_file import UNREADABLE, Row, SqliteFile, walk_rows
 from ident.logs.type_object import TypeObjects, read_type_objects
 from ident.results import Damage
 
@@ -42,7 +42,7 @@ class EprosimaStorage:
         with closing(self._file.connect()) as database:
             try:
                 rows = list(walk_rows(database, _select_rows, losses))
-            except sqlite3.DatabaseError as error:
+            except UNREADABLE as error:
                 raise UnusableLog(f"{path}: not a DDS recording that can be read ({error})") from error
             types = _read_types(database)
         self.damage = summarise(path.name, losses, unit="row")
@@ -111,7 +111,7 @@ class EprosimaStorage:
         try:
             with closing(self._file.connect()) as database:
                 found = database.execute(query, (topic, kind)).fetchone()
-        except sqlite3.DatabaseError:
+        except UNREADABLE:
             return None
         return None if found is None else bytes(found[0])
 
@@ -124,7 +124,7 @@ def _select_rows(database: sqlite3.Connection, after: int) -> Iterator[Row]:
 def _fetch(database: sqlite3.Connection, query: str, number: int) -> bytes | None:
     try:
         found = database.execute(query, (number,)).fetchone()
-    except sqlite3.DatabaseError:
+    except UNREADABLE:
         return None
     return None if found is None or found[0] is None else bytes(found[0])
 
@@ -132,7 +132,7 @@ def _fetch(database: sqlite3.Connection, query: str, number: int) -> bytes | Non
 def _read_types(database: sqlite3.Connection) -> TypeObjects:
     try:
         rows = database.execute("SELECT name, information, object FROM Types").fetchall()
-    except sqlite3.DatabaseError:
+    except UNREADABLE:
         rows = []
     return read_type_objects([(str(name), str(identifier), str(data)) for name, identifier, data in rows])
 

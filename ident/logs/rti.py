@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ident.logs.damage import Loss, summarise
 from ident.logs.idl import idl_schema, idl_text_beside
 from ident.logs.record import Channel, FieldError, Stored, Times
-from ident.logs.sqlite_file import Row, SqliteFile, walk_rows
+from ident.logs.sqlite_file import UNREADABLE, Row, SqliteFile, walk_rows
 from ident.results import Damage
 
 JSON, CDR = "rti_json_sample", "rti_cdr_sample"
@@ -115,6 +115,6 @@ def _quoted(name: str) -> str:
 def _fetch(database: sqlite3.Connection, query: str, number: int) -> bytes | None:
     try:
         found = database.execute(query, (number,)).fetchone()
-    except sqlite3.DatabaseError:
+    except UNREADABLE:
         return None
     return None if found is None or found[0] is None else bytes(found[0])

@@ -13,7 +13,7 @@ import numpy as np
 from ident.errors import UnusableLog
 from ident.logs.damage import Loss, summarise
 from ident.logs.record import Channel, Stored, Times
-from ident.logs.sqlite_file import SqliteFile, walk_rows
+from ident.logs.sqlite_file import UNREADABLE, SqliteFile, walk_rows
 from ident.results import Damage
 
 
@@ -54,7 +54,7 @@ class SqliteStorage:
     def _read_channels(self, database: sqlite3.Connection) -> list[Channel]:
         try:
             topics = database.execute("SELECT id, name, type, serialization_format FROM topics").fetchall()
-        except sqlite3.DatabaseError as error:
+        except UNREADABLE as error:
             raise UnusableLog(f"{self.path}: not a rosbag2 file that can be read ({error})") from error
         definitions = self._read_definitions(database)
         found: dict[tuple[str, str, str], Channel] = {}
@@ -71,7 +71,7 @@ class SqliteStorage:
         query = "SELECT topic_type, encoded_message_definition, encoding FROM message_definitions"
         try:
             rows = database.execute(query).fetchall()
-        except sqlite3.DatabaseError as error:
+        except UNREADABLE as error:
             if "no such table" not in str(error):  # there is none before ROS 2 Iron
                 self.damage.append(Damage(f"{self.path.name}: message definitions cannot be read ({error})"))
             return {}
@@ -83,7 +83,7 @@ class SqliteStorage:
         try:
             for row in walk_rows(database, _select_rows, self._losses):
                 rows.extend(row)
-        except sqlite3.DatabaseError as error:
+        except UNREADABLE as error:
             raise UnusableLog(f"{self.path}: not a rosbag2 file ({error})") from error
         return np.array(rows, dtype=np.int64).reshape(-1, 3)
 
@@ -113,7 +113,7 @@ def _read_data(database: sqlite3.Connection, rows: list[int]) -> Iterator[tuple[
     for row in rows:
         try:
             found = database.execute(query, (row,)).fetchone()
-        except sqlite3.DatabaseError:
+        except UNREADABLE:
             continue
         if found is not None and found[0] is not None:
             yield row, found[0]

@@ -18,8 +18,12 @@ from typing import Any
 from ident.logs.damage import Loss
 
 MAGIC = b"SQLite format 3\x00"
+UNREADABLE = (sqlite3.DatabaseError, MemoryError)
+"""What reading a damaged file raises: SQLite takes some damage for a want of memory."""
 FIRST_ROW = -(1 << 40)
 LARGEST_STEP = 1 << 40
+TABLES = {"messages", "topics", "message_definitions", "types"}
+SHORTEST_LIMIT, LONGEST_LIMIT = 1 << 16, (1 << 31) - 1
 Row = tuple[Any, ...]
 Select = Callable[[sqlite3.Connection, int], Iterator[Row]]
 
@@ -44,6 +48,9 @@ class SqliteFile:
         path = self._path if self._copy is None else self._copy / self._path.name
         options = "mode=ro&immutable=1" if self._copy is None else "mode=rw"
         database = sqlite3.connect(f"{path.absolute().as_uri()}?{options}", uri=True)
+        # Nothing in a file is longer than the file: what claims to be is refused before it takes memory.
+        size = sum(file.stat().st_size for file in self.files)
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(max(size, SHORTEST_LIMIT), LONGEST_LIMIT))
         # Without this SQLite refuses a file that is shorter than its header says (one cut off).
         database.execute("PRAGMA writable_schema=ON")
         return database
@@ -52,6 +59,13 @@ class SqliteFile:
         """Remove the temporary copy, if one was made."""
         if self._copy is not None:
             shutil.rmtree(self._copy, ignore_errors=True)
+
+
+def computed_tables(database: sqlite3.Connection) -> list[str]:
+    """Names of recorders' tables that are none: rows of a view are computed, without end if so written."""
+    query = "SELECT name FROM pragma_table_list WHERE schema = 'main' AND type IN ('view', 'virtual')"
+    names = [str(row[0]) for row in database.execute(query)]
+    return [name for name in names if name.lower() in TABLES or "@" in name]
 
 
 def walk_rows(database: sqlite3.Connection, select: Select, losses: list[Loss]) -> Iterator[Row]:
@@ -73,13 +87,13 @@ def walk_rows(database: sqlite3.Connection, select: Select, losses: list[Loss]) 
         try:
             for row in select(database, after):
                 if row[0] <= last:
-                    raise sqlite3.DatabaseError("rows are out of order")  # noqa: TRY301
+                    raise sqlite3.DatabaseError("rows are out of order")
                 if defect is not None:  # each number that is missing behind a defect is a lost message
                     defect.messages = row[0] - defect.place - 1
                     defect = None
                 last = row[0]
                 yield row
-        except sqlite3.DatabaseError as error:
+        except UNREADABLE as error:
             if "no such" in str(error):
                 raise
             place = max(last, 0)
@@ -97,7 +111,7 @@ def _behind_defect(database: sqlite3.Connection, select: Select, after: int) -> 
     def readable(number: int) -> bool:
         try:
             first = next(select(database, number), None)
-        except sqlite3.DatabaseError:
+        except UNREADABLE:
             return False
         return first is None or first[0] > number
 

@@ -11,7 +11,7 @@ from ident.logs.eprosima import EprosimaStorage
 from ident.logs.record import Storage
 from ident.logs.rti import RtiStorage, sample_tables
 from ident.logs.sqlite import SqliteStorage
-from ident.logs.sqlite_file import SqliteFile
+from ident.logs.sqlite_file import UNREADABLE, SqliteFile, computed_tables
 
 
 def open_sqlite(path: Path) -> Storage:
@@ -27,10 +27,13 @@ def open_sqlite(path: Path) -> Storage:
         with closing(file.connect()) as database:
             columns = _columns(database, "messages")
             tables = sample_tables(database)
-    except sqlite3.DatabaseError as error:
+            computed = computed_tables(database)
+    except UNREADABLE as error:
         raise UnusableLog(f"{path}: not a rosbag2 file that can be read ({error})") from error
     finally:
         file.close()
+    if computed:
+        raise UnusableLog(f"{path}: {computed[0]!r} is a view or a virtual table, need plain tables")
     if {"data_cdr", "log_time"} <= columns:
         return EprosimaStorage(path)
     if tables:
