@@ -21,6 +21,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 BASE = {"errors", "glossary", "results", "vehicle", "model_file", "units", "yaml_file"}
 LAYERS = {
     "logs",
+    "record",
     "signals",
     "experiments",
     "dynamics",
@@ -33,6 +34,7 @@ LAYERS = {
 }
 MAY_IMPORT = {
     "logs": {"base"},
+    "record": {"base"},
     "signals": {"logs", "base"},
     "experiments": {"signals", "base"},
     "dynamics": {"base"},
@@ -40,13 +42,13 @@ MAY_IMPORT = {
     "control": {"dynamics", "base"},
     "report": {"base"},
     "stages": {"logs", "signals", "experiments", "dynamics", "estimation", "control", "base"},
-    "pipeline": {"stages", "report", "base"},
+    "pipeline": {"stages", "report", "record", "base"},
     "cli": {"pipeline", "base"},
     "base": {"base"},
 }
 HEAVY = {
     "numpy", "pandas", "scipy", "numba", "plotly", "rerun", "pydantic", "pint", "pyarrow", "rosbags",
-    "jinja2", "mcap", "control", "matplotlib", "sympy", "ruamel", "rich",
+    "jinja2", "mcap", "control", "matplotlib", "sympy", "ruamel", "rich", "cyclonedds",
 }  # fmt: skip
 LONGEST_MODULE = 450
 LONGEST_BODY = 50

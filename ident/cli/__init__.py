@@ -13,6 +13,7 @@ from ident.cli.export import export
 from ident.cli.improve import improve
 from ident.cli.info import info
 from ident.cli.init import init
+from ident.cli.record import record
 from ident.cli.run import run
 from ident.cli.steering import steering
 from ident.cli.tyres import tyres
@@ -38,6 +39,7 @@ def main() -> None:
       ident improve my_logs/
       ident validate my_logs/
       ident run my_truck.yaml my_logs/
+      ident record --out drive.mcap /vehicle/velocity
       ident export reports/my_logs/model.yaml --to tir --out fitted.tir
 
     \b
@@ -46,6 +48,7 @@ def main() -> None:
     """
 
 
+main.add_command(record)
 main.add_command(init)
 main.add_command(info)
 main.add_command(steering)

@@ -85,7 +85,7 @@ def test_every_command_says_what_it_does_and_shows_an_example_that_parses(
         shown, *arguments = shlex.split(example)
         assert shown == name or command is main
         given = main.commands[shown].make_context(shown, arguments).params
-        assert given.get("logs") or given["model"]
+        assert any(given.get(name) for name in ("logs", "model", "topics", "everything"))
 
 
 @pytest.mark.parametrize(("name", "command"), COMMANDS)
@@ -283,7 +283,8 @@ def test_the_readme_names_every_command_option_and_exit_code() -> None:
         name for command in main.commands.values() for option in command.params for name in option.opts
     }
     known = {error.exit_code for error in vars(errors).values() if isinstance(error, type)} | {0, 130}
-    calls = dict.fromkeys(main.commands, "LOGS...") | {"run": "RECIPE LOGS...", "export": "MODEL"}
+    others = {"run": "RECIPE LOGS...", "export": "MODEL", "record": "TOPIC..."}
+    calls = dict.fromkeys(main.commands, "LOGS...") | others
     assert [name for name, logs in calls.items() if f"`ident {name} {logs}`" not in readme] == []
     assert [name for name in options if name.startswith("--") and f"`{name}" not in readme] == []
     assert [code for code in sorted(known) if f"\n| {code} | " not in readme] == []
