@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from ident.errors import BadRecipe, UnusableLog
+from ident.logs.chunks import IndexLied
 from ident.logs.compression import ZSTD_MAGIC, decompress_message
 from ident.logs.decode import Decoder, make_decoder
+from ident.logs.payloads import Payloads
 from ident.logs.record import Channel, Columns, FieldError, Storage, Stored, Times, Topic
 from ident.results import Damage
 from ident.yaml_file import nearest, read_yaml
@@ -26,16 +28,32 @@ class StoredLog:
     def __init__(self, path: Path, log_format: str, storages: Sequence[Storage]) -> None:
         self.path = path
         self.format = log_format
-        self.damage: list[Damage] = [damage for storage in storages for damage in storage.damage]
+        self.problems: list[Damage] = []
+        self.metadata: dict[str, object] = {}
         self.files = [file for storage in storages for file in storage.files]
         self._storages = storages
         self._parts: dict[str, list[tuple[Storage, Channel]]] = {}
         for storage in storages:
             for channel in storage.channels:
                 self._parts.setdefault(channel.topic, []).append((storage, channel))
-        self._note_two_types()
-        self.topics = [self._topic(name) for name in sorted(self._parts)]
+        self._others = {topic: self._of_other_types(topic) for topic in self._parts}
         self._decoder = lru_cache(maxsize=None)(self._make_decoder)
+
+    @property
+    def topics(self) -> list[Topic]:
+        """Topics, in the order of their names, and what of them can be read, as far as is known."""
+        return [self._topic(name) for name in sorted(self._parts)]
+
+    @property
+    def damage(self) -> list[Damage]:
+        """What is known to be missing in the files."""
+        found = [damage for storage in self._storages for damage in storage.damage]
+        return [*self.problems, *found, *self._two_types(), *_compare_counts(self, self.metadata)]
+
+    def check(self) -> None:
+        """Look at every part of the files, so that all damage is known."""
+        for storage in self._storages:
+            storage.check()
 
     def times(self, topic: str) -> Times:
         """Log times of all messages of a topic [ns], in the order of the files."""
@@ -52,10 +70,36 @@ class StoredLog:
 
     def columns(self, topic: str, fields: Sequence[str]) -> Columns:
         """Decode the topic once and return these fields; ``FieldError`` where one does not exist."""
-        decoder = self._decoder(topic)
-        columns = decoder.columns(self._stored(topic), fields)
-        damage = [replace(item, what=f"{topic}: {item.what}") for item in columns.damage]
-        return replace(columns, damage=damage)
+        return self.read({topic: fields})[topic]
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> dict[str, Columns]:
+        """Read fields of several topics in one pass; ``FieldError`` where one does not exist."""
+        found: dict[str, list[Columns]] = {
+            topic: [self._decoder(topic).columns(Stored(np.empty(0, np.int64)), fields)]
+            for topic, fields in wanted.items()
+        }
+        for storage in dict.fromkeys(storage for topic in wanted for storage, _ in self._parts[topic]):
+            for topic, columns in self._read_one(storage, wanted):
+                found[topic].append(columns)
+        return {topic: _joined(topic, parts) for topic, parts in found.items()}
+
+    def _read_one(self, storage: Storage, wanted: Mapping[str, Sequence[str]]) -> list[tuple[str, Columns]]:
+        """Decode what one file holds, bit by bit; once more from its beginning if its index was wrong."""
+        channels = [c for topic in wanted for other, c in self._parts[topic] if other is storage]
+
+        def read() -> list[tuple[str, Columns]]:
+            return [
+                (
+                    channel.topic,
+                    self._decoder(channel.topic).columns(_unpacked(stored), wanted[channel.topic]),
+                )
+                for channel, stored in storage.pieces(channels)
+            ]
+
+        try:
+            return read()
+        except IndexLied:
+            return read()
 
     def close(self) -> None:
         """Remove what was unpacked for reading."""
@@ -67,38 +111,66 @@ class StoredLog:
             raise FieldError(f"no topic {topic!r}, {nearest(topic, self._parts)}")
         return self._parts[topic]
 
-    def _stored(self, topic: str) -> Stored:
-        parts = [storage.messages(channel) for storage, channel in self._parts_of(topic)]
-        times = np.concatenate([np.empty(0, np.int64), *(part.times for part in parts)])
-        published = [part.times if part.published is None else part.published for part in parts]
-        kept = any(part.published is not None for part in parts)
-        data = [_unpacked(data) for part in parts for data in part.data]
-        return Stored(times, data, np.concatenate(published) if kept else None)
+    def _some(self, topic: str) -> Stored:
+        """Messages of a topic: all, or where it has many the first."""
+        for storage, channel in self._parts_of(topic):
+            try:
+                found = next((stored for _, stored in storage.pieces([channel]) if len(stored.data)), None)
+            except IndexLied:
+                found = next((stored for _, stored in storage.pieces([channel]) if len(stored.data)), None)
+            if found is not None:
+                return _unpacked(found)
+        return Stored(np.empty(0, np.int64))
 
     def _make_decoder(self, topic: str) -> Decoder:
         channels = [channel for _, channel in self._parts_of(topic)]
         defined = next((channel for channel in channels if channel.definition), channels[0])
-        return make_decoder(defined, lambda: self._stored(topic))
+        return make_decoder(defined, lambda: self._some(topic))
 
     def _topic(self, name: str) -> Topic:
         parts = self._parts[name]
         return Topic(name, parts[0][1].type, sum(len(storage.times(channel)) for storage, channel in parts))
 
-    def _note_two_types(self) -> None:
-        """Of a topic that was recorded with two types, keep the first."""
-        for topic, parts in self._parts.items():
-            kind = parts[0][1].type
-            others = [(storage, channel) for storage, channel in parts if channel.type != kind]
+    def _of_other_types(self, topic: str) -> list[tuple[Storage, Channel]]:
+        """Of a topic that was recorded with two types, keep the first; return the others."""
+        parts = self._parts[topic]
+        others = [part for part in parts if part[1].type != parts[0][1].type]
+        self._parts[topic] = [part for part in parts if part[1].type == parts[0][1].type]
+        return others
+
+    def _two_types(self) -> Iterator[Damage]:
+        """Messages of the types that are not read."""
+        for topic, others in self._others.items():
             lost = sum(len(storage.times(channel)) for storage, channel in others)
             if lost:
-                text = f"{topic}: recorded as {kind} and as {others[0][1].type}, only the first is read"
-                self.damage.append(Damage(text, lost))
-            self._parts[topic] = [part for part in parts if part not in others]
+                kinds = f"{self._parts[topic][0][1].type} and as {others[0][1].type}"
+                yield Damage(f"{topic}: recorded as {kinds}, only the first is read", lost)
 
 
-def _unpacked(data: bytes | None) -> bytes | None:
-    """Unpack a message that the recorder compressed on its own; CDR never begins like that."""
-    return decompress_message(data) if data is not None and data[:4] == ZSTD_MAGIC else data
+def _unpacked(stored: Stored) -> Stored:
+    """Unpack messages that the recorder compressed on their own; CDR never begins like that."""
+    payloads = Payloads.of(stored.data)
+    packed = payloads.begin_with(ZSTD_MAGIC)
+    if not packed.any():
+        return replace(stored, data=payloads)
+    pairs = zip(payloads, packed.tolist(), strict=True)
+    data = [decompress_message(data) if data is not None and is_packed else data for data, is_packed in pairs]
+    return replace(stored, data=data)
+
+
+def _joined(topic: str, parts: Sequence[Columns]) -> Columns:
+    """Put columns of one topic one behind the other, and add up what could not be decoded."""
+    times = np.concatenate([part.log_time for part in parts])
+    stamps = [part.log_time if part.header_stamp is None else part.header_stamp for part in parts]
+    stamped = any(part.header_stamp is not None for part in parts)
+    damage = [item for part in parts for item in part.damage]
+    lost = sum(item.messages_lost or 0 for item in damage)
+    return Columns(
+        times,
+        np.concatenate(stamps) if stamped else None,
+        {name: np.concatenate([part.values[name] for part in parts]) for name in parts[0].values},
+        [Damage(f"{topic}: {damage[0].what}", lost)] if damage else [],
+    )
 
 
 # --- rosbag2 --------------------------------------------------------------------------------------
@@ -124,7 +196,7 @@ def open_rosbag2(folder: Path, open_storage: Callable[[Path], Storage]) -> Store
         raise UnusableLog(f"{folder}: nothing can be read: {reason}")
     kinds = dict.fromkeys(storage.format.removeprefix("rosbag2 ") for storage in storages)
     log = StoredLog(folder, f"rosbag2 {' and '.join(kinds)}", storages)
-    log.damage = problems + log.damage + _compare_counts(log, metadata)
+    log.problems, log.metadata = problems, metadata
     return log
 
 
@@ -199,8 +271,8 @@ def _compare_counts(log: StoredLog, metadata: dict[str, object]) -> list[Damage]
         if counted > read.get(name, 0):
             text = f"{name}: metadata.yaml counts {counted} messages, {read.get(name, 0)} can be read"
             damage.append(Damage(text, counted - read.get(name, 0)))
-    missing = _seconds_missing(log, metadata)
-    if damage and missing > 0:
+    missing = _seconds_missing(log, metadata) if damage else 0.0
+    if missing > 0:
         text = f"metadata.yaml says that the recording went on for another {missing:.3g} s"
         damage.append(Damage(text, seconds_lost=missing))
     return damage

@@ -16,9 +16,11 @@ import zstandard
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 LARGEST_CHUNK = 1 << 31
 MOST_EXPANSION = 1000
-SMALL = 64 << 20
+SMALL = 16 << 20
 _BLOCK = 1 << 20
-_STEP = 4096  # of zstd 4 bytes can stand for 128 kB
+_STEP = 1024  # of zstd 4 bytes can stand for 128 kB
+
+Buffer = bytes | memoryview
 
 
 class Damaged(ValueError):
@@ -34,7 +36,7 @@ def most_bytes(packed: int) -> int:
     return max(SMALL, MOST_EXPANSION * packed)
 
 
-def decompress_chunk(data: bytes, compression: str, size: int, crc: int) -> bytes:
+def decompress_chunk(data: Buffer, compression: str, size: int, crc: int) -> Buffer:
     """Unpack an MCAP chunk to its ``size`` bytes and check its CRC-32 (0: none was written)."""
     if size > min(most_bytes(len(data)), LARGEST_CHUNK):
         raise Damaged(f"claims to hold {size} bytes in {len(data)}")
@@ -49,7 +51,7 @@ def decompress_chunk(data: bytes, compression: str, size: int, crc: int) -> byte
     return raw
 
 
-def _unpack(data: bytes, compression: str, size: int) -> bytes:
+def _unpack(data: Buffer, compression: str, size: int) -> Buffer:
     if compression == "zstd":
         if zstandard.frame_content_size(data) > size:
             raise Damaged(f"unpacks to more than {size} bytes")
@@ -61,7 +63,7 @@ def _unpack(data: bytes, compression: str, size: int) -> bytes:
     return data
 
 
-def salvage(data: bytes, compression: str) -> bytes:
+def salvage(data: Buffer, compression: str) -> Buffer:
     """Unpack the beginning of a chunk whose end is missing; empty where nothing can be read."""
     try:
         if compression == "zstd":
@@ -93,7 +95,7 @@ def decompress_file(source: Path, target: Path) -> str | None:
     return None
 
 
-def _zstd_pieces(blocks: Iterable[bytes]) -> Iterator[bytes]:
+def _zstd_pieces(blocks: Iterable[Buffer]) -> Iterator[bytes]:
     """Unpack one zstd frame after another, little by little; ``Damaged`` where that ends early."""
     unpacker = zstandard.ZstdDecompressor().decompressobj()
     taken = given = 0

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ident.logs import cdr
 from ident.logs.idl import idl_schema
 from ident.logs.json_messages import JsonDecoder
+from ident.logs.payloads import Payloads
 from ident.logs.record import Channel, Columns, FieldError, Stored, Times
 from ident.logs.schema import Kind, Many, Number, Schema, Struct, Text, normal, ros_schema, standard_schema
 from ident.results import Damage
@@ -27,6 +28,7 @@ QUATERNION = "geometry_msgs/msg/Quaternion"
 STAMPS = ("header.stamp", "stamp")
 MAX_DEPTH = 12
 MAX_ELEMENTS = 16
+MOST_LISTED = 20_000
 LOST = "its data lie in a damaged part of the file"
 _STEP = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)((?:\[\d{1,9}\])*)")
 
@@ -77,15 +79,16 @@ class BinaryDecoder:
 
     def fields(self) -> dict[str, str]:
         """Return the paths of all numbers, with their types; of an array, the first elements."""
-        return dict(self._walk("", Struct(self._schema.root), 0))
+        return dict(self._numbers("", Struct(self._schema.root)))
 
     def columns(self, stored: Stored, fields: Sequence[str]) -> Columns:
         """Read these fields of all messages."""
         names = {_steps(name): name for field in fields for name in self.expand(field)}
         parts = [f"{self._stamp}.sec", f"{self._stamp}.nanosec"] if self._stamp else []
-        present = np.array([data is not None for data in stored.data], dtype=np.bool_)
+        payloads = Payloads.of(stored.data)
+        present = payloads.present
         read = cdr.read_columns(
-            [data for data in stored.data if data is not None],
+            payloads.kept(),
             self._schema,
             {path: self._type_of(name) for path, name in names.items()},
             {_steps(name): self._type_of(name) for name in parts},
@@ -149,18 +152,24 @@ class BinaryDecoder:
         return members[name]
 
     def _below(self, name: str) -> str:
-        found = [path for path, _ in self._walk(name + ".", self._resolve(name), 0)]
+        found = [path for path, _ in self._numbers(name + ".", self._resolve(name))]
         return ", ".join(found[:6]) + (", ..." if len(found) > 6 else "")
 
-    def _walk(self, prefix: str, kind: Kind, depth: int) -> Iterator[tuple[str, str]]:
+    def _numbers(self, prefix: str, kind: Kind) -> Iterator[tuple[str, str]]:
+        """List the numbers below a path; of a type with more than anyone can choose from, the first."""
+        return self._walk(prefix, kind, 0, iter(range(MOST_LISTED)))
+
+    def _walk(self, prefix: str, kind: Kind, depth: int, left: Iterator[int]) -> Iterator[tuple[str, str]]:
+        if next(left, None) is None:
+            return
         if isinstance(kind, Number):
             yield prefix.rstrip("."), kind.type
         elif isinstance(kind, Struct) and depth < MAX_DEPTH:
             for member in self._schema.types[kind.name]:
-                yield from self._walk(f"{prefix}{member.name}.", member.kind, depth + 1)
+                yield from self._walk(f"{prefix}{member.name}.", member.kind, depth + 1, left)
         elif isinstance(kind, Many) and kind.size is not None:
             for index in range(min(kind.size, MAX_ELEMENTS)):
-                yield from self._walk(f"{prefix.rstrip('.')}[{index}].", kind.of, depth + 1)
+                yield from self._walk(f"{prefix.rstrip('.')}[{index}].", kind.of, depth + 1, left)
 
     def _is_stamp(self, path: str) -> bool:
         try:

@@ -22,7 +22,7 @@ from ident.errors import UnusableLog
 from ident.logs.cdr import CdrError, encoding_of, find_layout
 from ident.logs.damage import Loss, summarise
 from ident.logs.idl import idl_schema, idl_text_beside
-from ident.logs.record import Channel, FieldError, Stored, Times
+from ident.logs.record import Channel, ChannelByChannel, FieldError, Stored, Times
 from ident.logs.schema import Schema, normal, standard_schema
 from ident.logs.sqlite_file import UNREADABLE, Row, SqliteFile, walk_rows
 from ident.logs.type_object import TypeObjects, read_type_objects
@@ -31,7 +31,7 @@ from ident.results import Damage
 _TIME = re.compile(r"\d{4}-\d\d-\d\d[ T]\d\d:\d\d:\d\d(\.\d{1,9})?")
 
 
-class EprosimaStorage:
+class EprosimaStorage(ChannelByChannel):
     """One recording (see ``ident.logs.record.Storage``)."""
 
     def __init__(self, path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from ident.errors import UnusableLog
@@ -14,7 +14,7 @@ from ident.logs.bag import StoredLog, in_sequence, open_rosbag2, storage_files
 from ident.logs.compression import ZSTD_MAGIC, decompress_file
 from ident.logs.mcap import McapStorage
 from ident.logs.mcap_records import MAGIC as MCAP_MAGIC
-from ident.logs.record import Log, Storage
+from ident.logs.record import Channel, Log, Storage, Stored, Times
 from ident.logs.ros1 import Ros1Storage
 from ident.logs.sqlite_kinds import open_sqlite
 from ident.logs.table import PARQUET_MAGIC, SUFFIXES, TableLog
@@ -97,7 +97,7 @@ def _open_sequence(path: Path, files: Sequence[Path]) -> Log:
     if not storages:
         raise UnusableLog(damage[0].what)
     log = StoredLog(path, storages[0].format, storages)
-    log.damage = damage + log.damage
+    log.problems = damage
     return log
 
 
@@ -111,11 +111,45 @@ def _open_compressed(path: Path) -> Storage:
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
-    weakref.finalize(storage, shutil.rmtree, folder, ignore_errors=True)
-    storage.files = [path]
-    if stopped:
-        storage.damage.insert(0, Damage(f"{path.name}: its compression is damaged ({stopped})"))
-    return storage
+    problems = [Damage(f"{path.name}: its compression is damaged ({stopped})")] if stopped else []
+    return _UnpackedFile(path, storage, problems, folder)
+
+
+class _UnpackedFile:
+    """What was read of a file that was unpacked into a temporary folder (see ``Storage``)."""
+
+    def __init__(self, path: Path, storage: Storage, problems: list[Damage], folder: Path) -> None:
+        self.format = storage.format
+        self.files = [path]
+        self.channels = storage.channels
+        self._storage = storage
+        self._problems = problems
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+
+    @property
+    def damage(self) -> list[Damage]:
+        """What is known to be lost."""
+        return [*self._problems, *self._storage.damage]
+
+    def times(self, channel: Channel) -> Times:
+        """Log times of a channel [ns], in the order of the file."""
+        return self._storage.times(channel)
+
+    def messages(self, channel: Channel) -> Stored:
+        """Read the messages of a channel, in the order of the file."""
+        return self._storage.messages(channel)
+
+    def pieces(self, channels: Sequence[Channel]) -> Iterator[tuple[Channel, Stored]]:
+        """Read the messages of several channels, each in the order of the file, bit by bit."""
+        return self._storage.pieces(channels)
+
+    def check(self) -> None:
+        """Look at every part of the file that was not looked at yet."""
+        self._storage.check()
+
+    def close(self) -> None:
+        """Close what was unpacked; the folder goes with this object."""
+        self._storage.close()
 
 
 __all__ = ["first_bytes", "open_log", "open_storage", "storage_files"]

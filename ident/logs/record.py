@@ -5,7 +5,7 @@ Times are integers in nanoseconds; values are float64, whatever the message held
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ident.logs.payloads import Payloads
 from ident.results import Damage
 
 if TYPE_CHECKING:
@@ -75,22 +76,40 @@ class Stored:
     """Raw messages of one topic in one file.
 
     times : (n,) log times [ns]
-    data : n messages, None where one is lost
+    data : n messages, None where one is lost; ``Payloads`` where they lie in one block
     published : (n,) when the sender published them [ns], None where the recorder did not keep it
     """
 
     times: Times
-    data: list[bytes | None] = field(default_factory=list)
+    data: Sequence[bytes | None] = field(default_factory=list)
     published: Times | None = None
 
 
+def join_stored(parts: Sequence[Stored]) -> Stored:
+    """Put messages of one topic one behind the other."""
+    times = np.concatenate([np.empty(0, np.int64), *(part.times for part in parts)])
+    published = [part.times if part.published is None else part.published for part in parts]
+    kept = any(part.published is not None for part in parts)
+    blocks = [Payloads.of(part.data) for part in parts]
+    sizes = np.concatenate([np.empty(0, np.int64), *(each.sizes for each in blocks)])
+    block = np.concatenate([np.empty(0, np.uint8), *(each.block for each in blocks)])
+    return Stored(times, Payloads(block, sizes), np.concatenate(published) if kept else None)
+
+
 class Storage(Protocol):
-    """One file of messages; opening it has found its channels and its damage; ``format`` is its kind."""
+    """One file of messages; opening it has found its channels; ``format`` is its kind.
+
+    damage : what is known to be lost; all of it is known after ``check``
+    """
 
     format: str
     files: list[Path]
     channels: list[Channel]
-    damage: list[Damage]
+
+    @property
+    def damage(self) -> Sequence[Damage]:
+        """What is known to be lost."""
+        ...
 
     def times(self, channel: Channel) -> Times:
         """Log times of a channel [ns], in the order of the file."""
@@ -100,9 +119,32 @@ class Storage(Protocol):
         """Read the messages of a channel, in the order of the file."""
         ...
 
+    def pieces(self, channels: Sequence[Channel]) -> Iterator[tuple[Channel, Stored]]:
+        """Read the messages of several channels, each in the order of the file, bit by bit where it can."""
+        ...
+
+    def check(self) -> None:
+        """Look at every part of the file that was not looked at yet."""
+        ...
+
     def close(self) -> None:
         """Remove what was unpacked for reading."""
         ...
+
+
+class ChannelByChannel:
+    """For storages that know all damage once they are open, and read one channel after the other."""
+
+    def messages(self, channel: Channel) -> Stored:
+        """Read the messages of a channel, in the order of the file."""
+        raise NotImplementedError
+
+    def pieces(self, channels: Sequence[Channel]) -> Iterator[tuple[Channel, Stored]]:
+        """Read the messages of several channels, each in the order of the file."""
+        return ((channel, self.messages(channel)) for channel in channels)
+
+    def check(self) -> None:
+        """Do nothing: opening has looked at everything."""
 
 
 class Log(Protocol):
@@ -110,14 +152,26 @@ class Log(Protocol):
 
     path : the folder or (first) file; files : every file that was read
     format : "mcap", "rosbag2 mcap", "rosbag2 sqlite3", ...
-    damage : what is missing in the files, one entry a defect
+    topics : what can be read, as far as is known
+    damage : what is known to be missing in the files, one entry a defect
+
+    Parts of a file that nothing needs are not unpacked, so that damage in them is known, and taken off the
+    topics and times, only after ``check``; damage in what was read is known after that.
     """
 
     path: Path
     format: str
     files: list[Path]
-    topics: list[Topic]
-    damage: list[Damage]
+
+    @property
+    def topics(self) -> list[Topic]:
+        """Topics, in the order of their names."""
+        ...
+
+    @property
+    def damage(self) -> list[Damage]:
+        """What is known to be missing."""
+        ...
 
     def times(self, topic: str) -> Times:
         """Log times of all messages of a topic [ns], in the order of the files."""
@@ -133,6 +187,14 @@ class Log(Protocol):
 
     def columns(self, topic: str, fields: Sequence[str]) -> Columns:
         """Decode the topic once and return these fields; ``FieldError`` where one does not exist."""
+        ...
+
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> dict[str, Columns]:
+        """Read fields of several topics, in one pass where the format allows it."""
+        ...
+
+    def check(self) -> None:
+        """Look at every part of the files, so that all damage is known."""
         ...
 
     def close(self) -> None:

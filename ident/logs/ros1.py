@@ -21,8 +21,9 @@ import lz4.frame
 import numpy as np
 
 from ident.errors import UnusableLog
+from ident.logs.compression import LARGEST_CHUNK, most_bytes
 from ident.logs.damage import Loss, summarise
-from ident.logs.record import Channel, Stored, Times
+from ident.logs.record import Channel, ChannelByChannel, Stored, Times
 from ident.logs.schema import normal
 from ident.results import Damage
 
@@ -30,7 +31,6 @@ MAGIC = b"#ROSBAG V2.0\n"
 ANY_MAGIC = b"#ROSBAG V"
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 LARGEST_HEADER = 1 << 26
-LARGEST_CHUNK = 1 << 31
 CACHE_BYTES = 256 << 20
 _LENGTH = struct.Struct("<I")
 _CHUNK_MARK = b"\x04\x00\x00\x00op=\x05"
@@ -68,7 +68,7 @@ class _Index:
     ends: array[int] = field(default_factory=lambda: array("q"))
 
 
-class Ros1Storage:
+class Ros1Storage(ChannelByChannel):
     """One ROS 1 bag (see ``ident.logs.record.Storage``)."""
 
     format = "ros1"
@@ -290,8 +290,8 @@ def _channel(data: Buffer, record: _Record) -> Channel:
 
 def _unpack(data: bytes, compression: str, size: int) -> tuple[bytes, str]:
     """Unpack a chunk as far as it goes, and say what is wrong with it, nothing where it is whole."""
-    if size > LARGEST_CHUNK:
-        return b"", f"claims to hold {size} bytes"
+    if size > min(most_bytes(len(data)), LARGEST_CHUNK):
+        return b"", f"claims to hold {size} bytes in {len(data)}"
     try:
         if compression == "bz2":
             raw = bz2.BZ2Decompressor().decompress(data, max_length=size)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ident.logs.damage import Loss, summarise
 from ident.logs.idl import idl_schema, idl_text_beside
-from ident.logs.record import Channel, FieldError, Stored, Times
+from ident.logs.record import Channel, ChannelByChannel, FieldError, Stored, Times
 from ident.logs.sqlite_file import UNREADABLE, Row, SqliteFile, walk_rows
 from ident.results import Damage
 
@@ -40,7 +40,7 @@ def sample_tables(database: sqlite3.Connection) -> dict[str, set[str]]:
     return found
 
 
-class RtiStorage:
+class RtiStorage(ChannelByChannel):
     """One recording (see ``ident.logs.record.Storage``)."""
 
     format = "rti sqlite"

@@ -12,12 +12,12 @@ import numpy as np
 
 from ident.errors import UnusableLog
 from ident.logs.damage import Loss, summarise
-from ident.logs.record import Channel, Stored, Times
+from ident.logs.record import Channel, ChannelByChannel, Stored, Times
 from ident.logs.sqlite_file import UNREADABLE, SqliteFile, walk_rows
 from ident.results import Damage
 
 
-class SqliteStorage:
+class SqliteStorage(ChannelByChannel):
     """One .db3 file (see ``ident.logs.record.Storage``)."""
 
     format = "rosbag2 sqlite3"

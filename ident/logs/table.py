@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from pyarrow import csv
 
 from ident.errors import UnusableLog
+from ident.logs.compression import most_bytes
 from ident.logs.record import Columns, FieldError, Times, Topic
 from ident.results import Damage
 from ident.yaml_file import nearest
@@ -34,6 +35,7 @@ FRACTIONS = ("nanosec", "nsec", "nanosecs", "nsecs")
 UNITS = {"s": 1e9, "sec": 1e9, "seconds": 1e9, "ms": 1e6, "us": 1e3, "µs": 1e3, "μs": 1e3, "ns": 1.0}
 EPOCHS = ((1e17, 1.0), (1e14, 1e3), (1e11, 1e6))
 FEWEST_RISING = 0.9
+MOST_COLUMNS = 10_000
 KIND = "table"
 _UNIT = re.compile(r"(.+?)\s*(?:_|\s|\[|\()\s*(s|sec|seconds|ms|us|µs|μs|ns)\s*[\])]?")
 
@@ -84,6 +86,13 @@ class TableLog:
         names = [self.expand(topic, name)[0] for name in fields]
         return Columns(self._times, None, {name: self._values[name] for name in names})
 
+    def read(self, wanted: Mapping[str, Sequence[str]]) -> dict[str, Columns]:
+        """Return columns of the one topic; ``FieldError`` where one does not exist."""
+        return {topic: self.columns(topic, fields) for topic, fields in wanted.items()}
+
+    def check(self) -> None:
+        """Do nothing: the file was read whole."""
+
     def close(self) -> None:
         """Do nothing: the file was read whole."""
 
@@ -95,6 +104,8 @@ class TableLog:
 
     def _read_parquet(self) -> pd.DataFrame:
         try:
+            about = pq.read_metadata(self.path)
+            self._check_size(about.num_rows, about.num_columns)
             return pq.read_table(self.path).to_pandas(ignore_metadata=True)  # type: ignore[no-any-return]
         except (pa.ArrowException, OSError, ValueError) as error:
             reason = " ".join(str(error).split())[:160]
@@ -109,6 +120,7 @@ class TableLog:
             raise UnusableLog(
                 f"{self.path}: no table: need a first line of names, parted by ',', ';' or tabs"
             )
+        self._check_size(1, names.count(mark) + 1)
         wrong: list[str] = []
 
         def skip(row: csv.InvalidRow) -> str:
@@ -126,6 +138,16 @@ class TableLog:
             self.damage.append(Damage(text, len(wrong)))
         table.columns = [str(name).strip() for name in table.columns]
         return table  # type: ignore[no-any-return]
+
+
+    def _check_size(self, rows: int, columns: int) -> None:
+        """Refuse what would take far more memory than the file does."""
+        if columns > MOST_COLUMNS:
+            raise UnusableLog(f"{self.path}: has {columns} columns, at most {MOST_COLUMNS} are read")
+        if 8 * rows * columns > most_bytes(self.path.stat().st_size):
+            size = self.path.stat().st_size
+            text = f"claims to hold {rows} rows of {columns} columns in {size} bytes"
+            raise UnusableLog(f"{self.path}: {text}: write it anew from the recording")
 
 
 def _is_parquet(path: Path) -> bool:

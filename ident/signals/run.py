@@ -112,6 +112,8 @@ class _Source:
 
 
 def _load(path: RunPath, log: Log, applied: AppliedFiles, *, every_topic: bool) -> Run:
+    if every_topic:
+        log.check()
     present = [topic.name for topic in log.topics if topic.messages]
     channel_map, channels_name = applied.map_for(path, present)
     vehicle, vehicle_name = applied.vehicle_for(path)
@@ -137,9 +139,10 @@ def _undecodable(log: Log, known: Sequence[Damage]) -> Iterator[Damage]:
 def read_run(name: str, log: Log, channel_map: ChannelMap, vehicle: Vehicle | None) -> Run:
     """Read the signals of one log that a channel map names, and their health but for latencies."""
     present = {topic.name for topic in log.topics if topic.messages}
-    damage = list(log.damage)
+    damage: list[Damage] = []
     chosen = channel_map.choose(_finder(log, present, damage))
     sources, clock = _read_sources(log, chosen, damage)
+    damage[:0] = log.damage  # all that is known once the topics were read
     zero, end = _extent(log, chosen, sources, clock)
     signals, healths = _make_signals(chosen, sources, zero, vehicle, damage)
     health = RunHealth(
@@ -190,7 +193,7 @@ def _read_sources(
         if channel.topic is not None and channel.field is not None:
             fields = wanted.setdefault(channel.topic, [])
             fields += [field for field in _fields(log, channel) if field not in fields]
-    columns = {topic: log.columns(topic, fields) for topic, fields in wanted.items()}
+    columns = log.read(wanted)
     clock = choose_clock(columns)
     sources: dict[str, _Source] = {}
     for topic, read in columns.items():
