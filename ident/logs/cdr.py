@@ -61,7 +61,7 @@ def read_columns(
         [],
     )
     wanted = _tree([*numbers, *whole])
-    for size in np.unique(payloads.sizes):
+    for size in np.unique(payloads.sizes[payloads.present]):
         rows = np.flatnonzero(payloads.sizes == size)
         block = max(BLOCK // max(int(size), 1), 1)
         for start in range(0, len(rows), block):
@@ -101,13 +101,13 @@ def _read_equal_sizes(
         layout, problem = _layout_or_problem(first, schema, wanted, encoding)
         near = left[:window]
         guards = problem.guards if problem else layout.guards if layout else ()
-        places = np.array(guards, dtype=np.intp)
-        same = np.all(table[near][:, places] == table[left[0], places], axis=1)
+        places = np.unique(np.array(guards, dtype=np.intp))
+        same = np.all(table[near[:, None], places] == table[left[0], places], axis=1)
         chosen = near[same]
         if layout is None:
             read.errors += [str(problem)] * len(chosen)
         else:
-            _take_columns(table[chosen], rows[chosen], layout, types, read)
+            _take_columns(table, chosen, rows[chosen], layout, types, read)
         left = np.concatenate([near[~same], left[window:]])
         window = max(MIN_WINDOW, 4 * len(chosen))
 
@@ -123,17 +123,19 @@ def _layout_or_problem(
 
 def _take_columns(
     table: NDArray[np.uint8],
+    chosen: NDArray[np.intp],
     rows: NDArray[np.intp],
     layout: Layout,
     types: Mapping[Path, str],
     read: Read,
 ) -> None:
+    """Take the fields of the ``chosen`` rows of the table, which stand for ``rows`` of the channel."""
     read.good[rows] = True
     for path, offset in layout.places.items():
         kind = np.dtype(types[path])
-        raw = np.ascontiguousarray(table[:, offset : offset + kind.itemsize])
-        ordered = kind.newbyteorder(layout.order)
-        values = raw[:, 0] != 0 if kind == np.bool_ else raw.view(ordered)[:, 0]
+        stored = np.dtype(np.uint8) if kind == np.bool_ else kind.newbyteorder(layout.order)
+        column = np.ndarray((len(table),), stored, table, offset, (table.shape[1],))[chosen]
+        values = column != 0 if kind == np.bool_ else column
         if path in read.columns:
             read.columns[path][rows] = values
         if path in read.whole:

@@ -17,8 +17,9 @@ Encapsulations (DDS-XTypes 1.3, 7.6.3.1.2; even ones are big-endian):
 
 Members of a parameter list come in any order and may be absent; one that the definition does not know is
 stepped over, unless its writer marked it as one that must be understood. Writers of XCDR2 differ in whether
-an array of enums states its length in bytes (the standard says so): both are tried, and the one is taken by
-which the whole message fits. ROS 1 messages have no encapsulation and no alignment and are little-endian.
+an array of enums states its length in bytes: it is read as the standard says (it does) unless the whole
+message fits only, or better, without. ROS 1 messages have no encapsulation, no alignment, and are
+little-endian.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ import numpy as np
 from ident.logs.schema import Kind, Many, Member, Number, Schema, Struct, Text, innermost
 
 DEEPEST = 64
+MOST_EMPTY = 10_000
 ID_BITS = 0x0FFFFFFF
 EXTENDED, LIST_END, IGNORED = 0x3F01, 0x3F02, 0x3F03
 Order = Literal["<", ">"]
@@ -117,20 +119,17 @@ def find_layout(data: bytes, schema: Schema, wanted: Wanted, encoding: Encoding)
         other = _Walker(data, schema, encoding, enum_lengths=False)
         walks = [(walker, problem), (other, other.walk(wanted))]
         guards = [*walker.guards, *other.guards]
-        walker, problem = _only_fit(walks)
+        walker, problem = _best_fit(walks)
     if problem:
         raise CdrError(problem, guards)
     return Layout(encoding.order, walker.places, guards)
 
 
-def _only_fit(walks: Sequence[tuple[_Walker, str]]) -> tuple[_Walker, str]:
-    """Choose the one walk that went through, before others the one that left nothing over."""
-    through = [walker for walker, problem in walks if not problem]
-    fits = [walker for walker in through if walker.exact] or through
-    if not fits:
-        return walks[0]
-    what = "fits with and without the lengths in bytes of its arrays of enums" if len(fits) > 1 else ""
-    return fits[0], what
+def _best_fit(walks: Sequence[tuple[_Walker, str]]) -> tuple[_Walker, str]:
+    """Choose the first walk that went through, before others one that left nothing over."""
+    through = [walk for walk in walks if not walk[1]]
+    fits = [walk for walk in through if walk[0].exact] or through or walks
+    return fits[0]
 
 
 @dataclass
@@ -153,6 +152,7 @@ class _Walker:
     exact: bool = True
     places: dict[Path, int] = field(default_factory=dict)
     guards: list[int] = field(default_factory=list)
+    steps: int = 0
 
     def __post_init__(self) -> None:
         self.position = self.origin = self.encoding.begin
@@ -178,8 +178,7 @@ class _Walker:
 
     def struct(self, name: str, wanted: Wanted, path: Path, form: Form) -> None:
         """Walk the members of a type; a delimited one that ends early lacks its last, which are absent."""
-        if len(path) > DEEPEST:
-            raise CdrError(f"{name} is nested more than {DEEPEST} deep")
+        self._step(path)
         if form == "parameters":
             self._parameters(name, wanted, path)
             return
@@ -226,6 +225,7 @@ class _Walker:
 
     def _many(self, kind: Many, wanted: Wanted, path: Path, *, row: bool = False) -> None:
         """Walk an array or a sequence; a ``row`` of one of several dimensions has no length of its own."""
+        self._step(path)
         outer = self.end
         delimited = not row and self._states_its_length(kind)
         stop = self.enter() if delimited else outer
@@ -256,6 +256,14 @@ class _Walker:
             self.met_enums = True
             return self.enum_lengths
         return not isinstance(element, Number)
+
+    def _step(self, path: Path) -> None:
+        """Count a type or an array: many that take no bytes would take for ever."""
+        self.steps += 1
+        if len(path) > DEEPEST:
+            raise CdrError(f"{_text(path[:3])}... is nested more than {DEEPEST} deep")
+        if self.steps > MOST_EMPTY + len(self.data):
+            raise CdrError(f"has more than {MOST_EMPTY} parts that take no bytes")
 
     def _numbers(self, kind: Number, count: int, wanted: Wanted, path: Path) -> None:
         if count == 0:  # then there is no padding either
