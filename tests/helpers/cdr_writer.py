@@ -8,7 +8,7 @@ import random
 import struct
 from dataclasses import dataclass, field
 
-from dds_types import NUMBERS, Arr, Choice, Num, Seq, Str
+from type_trees import NUMBERS, Arr, Choice, Num, Seq, Str
 
 CODES = {
     "bool": "?", "uint8": "B", "int8": "b", "int16": "h", "int32": "i", "int64": "q", "uint16": "H",

@@ -1,9 +1,9 @@
-"""Cyclone DDS as the writer of messages: its classes for the types of ``dds_types``."""
+"""Cyclone DDS as the writer of messages: its classes for the types of ``type_trees``."""
 
 from typing import Optional
 
 from cyclonedds.idl import Endianness, annotations, make_idl_enum, make_idl_struct, types
-from dds_types import Arr, Choice, Num, Seq, Str
+from type_trees import Arr, Choice, Num, Seq, Str
 
 PLAIN = {
     "boolean": bool, "octet": types.byte, "char": types.char, "int8": types.int8, "short": types.int16,

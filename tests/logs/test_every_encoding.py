@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cdr_writer import Writer
-from dds_types import Arr, Choice, Field, Num, Rec, Seq, as_idl, numbers, structs, values
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from type_trees import Arr, Choice, Field, Num, Rec, Seq, as_idl, numbers, structs, values
 
 from ident.logs.cdr import read_columns
 from ident.logs.idl import idl_schema
