@@ -143,6 +143,7 @@ class Model:
     """What has been identified so far, each part with the provenance of the stage that wrote it.
 
     reference_point : the point that logged poses and velocities refer to
+    property_tyres : PAC2002 tyres fitted beside ``tyres``, for export; their covariance is not in the file
     """
 
     __pydantic_config__ = _STRICT
@@ -152,6 +153,7 @@ class Model:
     reference_point: ReferencePoint | None = None
     steering: SteeringPart | None = None
     tyres: TyresPart | None = None
+    property_tyres: TyresPart | None = None
     effects: list[EffectPart] = field(default_factory=list)
     noise: dict[str, SignalNoise] = field(default_factory=dict)
     parameters: list[str] = field(default_factory=list)

@@ -11,6 +11,17 @@ The tyres are property files (``.tir``), with paths relative to the vehicle file
 
     tyres: truck.tir                                                # the same on both axles, two on each
     tyres: {front: steer.tir, rear: {file: drive.tir, number: 4}}   # dual tyres behind
+
+The two-track model asks for ``track`` and ``cg_height``, and takes these where they are stated:
+
+    front_roll_share: 0.42     # of the overturning moment, by the roll stiffness in front and behind
+    ackermann_share: 0.8       # 0: front wheels parallel, 1: Ackermann's geometry
+    load_sensitivity: 0.3      # share of its stiffness that an axle would lose with all its load on one side
+    axles: {rear: {number: 2, spacing: 1.35 m, track: 1.83 m, lifted: 2}}    # a tandem, its second axle up
+
+``axles`` need only name what is not one axle of the vehicle's track; ``lifted`` says that this axle of the
+group, 1 being the foremost, was off the road in all these logs. ``cg_to_front_axle`` and ``cg_to_rear_axle``
+reach to the middle of a group.
 """
 
 from __future__ import annotations
@@ -39,7 +50,12 @@ UNITS = {
     "cg_to_rear_axle": "m",
     "track": "m",
     "cg_height": "m",
+    "front_roll_share": "1",
+    "ackermann_share": "1",
+    "load_sensitivity": "1",
 }
+SHARES = {"front_roll_share": (0.0, 1.0), "ackermann_share": (-0.5, 1.5), "load_sensitivity": (0.0, 0.9)}
+MOST_AXLES = 4  # in one group
 RATIO = "steering_ratio"
 _PLUS_MINUS = re.compile(r"\s*(?:±|\+/?-)\s*")
 _PER_CENT = re.compile(r"(.*?)\s*(?:%|percent)\s*")
@@ -62,6 +78,21 @@ class VehicleTyres:
 
 
 @dataclass(frozen=True)
+class AxlesOfGroup:
+    """Axles that stand close together, in front or behind.
+
+    number : of axles; spacing : from one to the next, None of a single axle [m]
+    track : from the left to the right wheels, None where it is that of the vehicle [m]
+    lifted : which of them is off the road, 1 is the foremost; None: none
+    """
+
+    number: int = 1
+    spacing: float | None = None
+    track: float | None = None
+    lifted: int | None = None
+
+
+@dataclass(frozen=True)
 class Vehicle:
     """What is known about a vehicle; None where it is not.
 
@@ -71,6 +102,8 @@ class Vehicle:
     reference_point : the point that logged poses and velocities refer to
     imu_position : from the CG, x forward, y left, z up [m]
     tyres : property files (.tir) of both axles
+    front_roll_share, ackermann_share, load_sensitivity : of the two-track model [-]
+    axles : "front", "rear" -> the axles there, where they are stated
     std : name of a value above -> its standard deviation in the same unit, only where the file states it
     """
 
@@ -84,6 +117,10 @@ class Vehicle:
     reference_point: ReferencePoint | None = None
     imu_position: Point | None = None
     tyres: VehicleTyres | None = None
+    front_roll_share: float | None = None
+    ackermann_share: float | None = None
+    load_sensitivity: float | None = None
+    axles: Mapping[str, AxlesOfGroup] = field(default_factory=dict)
     std: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -131,12 +168,14 @@ def _read(key: str, value: object, path: Path) -> tuple[object, float | None]:
         if not isinstance(value, list) or len(value) != 3:
             raise BadRecipe(f"{key}: {value!r} is no point, need such as [0.5 m, 0 m, 0.2 m] from the CG")
         return tuple(parse_quantity(part, unit="m", quantity=key) for part in value), None
+    if key == "axles":
+        return _axles(value), None
     return _tyres(value, path), None
 
 
 def _known_value(key: str, given: object, unit: str) -> tuple[float, float | None]:
     text, spread = _value_and_spread(key, given, unit)
-    value = _positive(parse_quantity(text, unit=unit, quantity=key), key)
+    value = _within(parse_quantity(text, unit=unit, quantity=key), key)
     if spread is None:
         return value, None
     relative = _PER_CENT.fullmatch(str(spread))
@@ -164,7 +203,12 @@ def _value_and_spread(key: str, given: object, unit: str) -> tuple[object, objec
     return parts[0], parts[1] if len(parts) == 2 else None
 
 
-def _positive(value: float, key: str) -> float:
+def _within(value: float, key: str) -> float:
+    if key in SHARES:
+        least, most = SHARES[key]
+        if not least <= value <= most:
+            raise BadRecipe(f"{key}: {value:g}, need a share from {least:g} to {most:g}")
+        return value
     if value <= 0:
         raise BadRecipe(f"{key}: {value:g} is not positive")
     return value
@@ -214,3 +258,38 @@ def _axle_tyres(value: object, path: Path, key: str) -> AxleTyres:
     if type(number) is not int or number % 2 or not 2 <= number <= MOST_TYRES:
         raise BadRecipe(f"{key}: {number} tyres, need an even number of 2 to {MOST_TYRES}: 4 are dual tyres")
     return AxleTyres(file, number)
+
+
+def _axles(value: object) -> dict[str, AxlesOfGroup]:
+    if not isinstance(value, Mapping) or not value or set(value) - set(AXLES):
+        raise BadRecipe(
+            f"axles: {value!r}, need front, rear or both: {{rear: {{number: 2, spacing: 1.35 m}}}}"
+        )
+    return {name: _group(own, f"axles.{name}") for name, own in value.items()}
+
+
+def _group(given: object, key: str) -> AxlesOfGroup:
+    valid = [each.name for each in fields(AxlesOfGroup)]
+    if not isinstance(given, Mapping):
+        raise BadRecipe(f"{key}: {given!r}, need such as {{number: 2, spacing: 1.35 m}}")
+    for name in given:
+        if name not in valid:
+            raise BadRecipe(f"{key}: unknown key {name!r}, {nearest(str(name), valid)}")
+    number = _count(given.get("number", 1), f"{key}.number", 1, MOST_AXLES)
+    lengths = {
+        name: _within(parse_quantity(given[name], unit="m", quantity=f"{key}.{name}"), f"{key}.{name}")
+        for name in ("spacing", "track")
+        if name in given
+    }
+    if number > 1 and "spacing" not in lengths:
+        raise BadRecipe(f"{key}: {number} axles without a spacing, need such as spacing: 1.35 m")
+    if number == 1 and given.keys() & {"spacing", "lifted"}:
+        raise BadRecipe(f"{key}: a single axle has no spacing and is not lifted, need number: 2 or more")
+    lifted = _count(given["lifted"], f"{key}.lifted", 1, number) if "lifted" in given else None
+    return AxlesOfGroup(number, lengths.get("spacing"), lengths.get("track"), lifted)
+
+
+def _count(value: object, key: str, least: int, most: int) -> int:
+    if type(value) is not int or not least <= value <= most:
+        raise BadRecipe(f"{key}: {value!r}, need a whole number from {least} to {most}")
+    return value

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from ident.errors import BadRecipe
-from ident.vehicle import AxleTyres, Vehicle, VehicleTyres, read_vehicle
+from ident.vehicle import AxlesOfGroup, AxleTyres, Vehicle, VehicleTyres, read_vehicle
 
 
 def read(tmp_path, text):
@@ -134,3 +134,38 @@ def test_refuses_what_is_wrong_in_one_line(tmp_path, text, reason):
     assert str(caught.value).startswith(str(tmp_path / "vehicle.yaml"))
     assert reason in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_axle_groups_and_shares_of_the_two_track_model_are_read(tmp_path):
+    vehicle = read(
+        tmp_path,
+        "front_roll_share: 42 %\nackermann_share: 0.8 +- 0.1\nload_sensitivity: 0\n"
+        "axles: {front: {track: 205 cm}, rear: {number: 3, spacing: 1310 mm, track: 1.83 m, lifted: 1}}\n",
+    )
+    assert vehicle.axles == {
+        "front": AxlesOfGroup(track=pytest.approx(2.05)),
+        "rear": AxlesOfGroup(3, pytest.approx(1.31), 1.83, 1),
+    }
+    shares = vehicle.front_roll_share, vehicle.ackermann_share, vehicle.load_sensitivity
+    assert shares == (pytest.approx(0.42), 0.8, 0.0)
+    assert vehicle.std == {"ackermann_share": pytest.approx(0.1)}
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("axles: 2", "axles: 2, need front, rear or both"),
+        ("axles: {middle: {number: 2}}", "need front, rear or both"),
+        ("axles: {rear: 2}", "axles.rear: 2, need such as"),
+        ("axles: {rear: {number: 2}}", "axles.rear: 2 axles without a spacing"),
+        ("axles: {rear: {number: 2, spacing: 0 m}}", "axles.rear.spacing: 0 is not positive"),
+        ("axles: {rear: {number: 5, spacing: 1 m}}", "axles.rear.number: 5, need a whole number from 1 to 4"),
+        ("axles: {rear: {number: 2, spacing: 1 m, lifted: 0}}", "lifted: 0, need a whole number from 1 to 2"),
+        ("axles: {rear: {number: 1, lifted: 1}}", "a single axle has no spacing and is not lifted"),
+        ("axles: {rear: {nummer: 2}}", "axles.rear: unknown key 'nummer'.*number"),
+        ("front_roll_share: 1.2", "front_roll_share: 1.2, need a share from 0 to 1"),
+    ],
+)
+def test_axles_and_shares_that_cannot_be_are_refused(tmp_path, text, told):
+    with pytest.raises(BadRecipe, match=told):
+        read(tmp_path, text)

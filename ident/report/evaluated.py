@@ -23,9 +23,10 @@ MODELS: dict[ModelName, str] = {
     "brush": "brush",
     "magic_formula": "Magic Formula",
     "pac2002": "PAC2002",
+    "two_track": "two-track",
 }
 INPUTS = {"measured": "measured steering", "request": "request"}
-OTHERS = ("other_1", "other_2", "other_3", "other_4", "other_5")
+OTHERS = ("other_1", "other_2", "other_3", "other_4", "other_5", "other_6")
 
 Judgement = Literal["within", "near", "beyond", "unknown"]
 TONES: dict[Judgement, Tone] = {"within": "good", "near": "caution", "beyond": "bad", "unknown": "plain"}
@@ -50,15 +51,13 @@ def reason(result: EvaluateResult) -> str | None:
     return None if result.why in result.verdict else result.why
 
 
-def cost_told(result: EvaluateResult) -> str | None:
-    """Say how much more PAC2002 costs than piecewise linear tyres, None where both were not timed."""
-    one = result.cost_ratio
-    if one is None:
-        return None
-    names = (
+def costs_told(result: EvaluateResult) -> list[str]:
+    """Say how much more one model costs than another, for each pair that the result names."""
+    return [
         f"{model_name(one.model)} costs {significant(one.ratio, 2)} times what {model_name(one.over)} does"
-    )
-    return f"{names} (the source reports {significant(one.reported, 2)})"
+        + ("" if one.reported is None else f" (the source reports {significant(one.reported, 2)})")
+        for one in result.cost_ratios
+    ]
 
 
 def signals_of(result: EvaluateResult) -> list[str]:

@@ -9,7 +9,7 @@ from ident.report.estimates import STATUS
 from ident.report.evaluated import (
     MARKS,
     STANDARD,
-    cost_told,
+    costs_told,
     judge,
     judge_position,
     model_name,
@@ -254,8 +254,11 @@ def _model_lines(result: EvaluateResult) -> list[str]:
         rows.append((name, *errors, significant(model.valid_to, 2), significant(model.cost_ns_per_step)))
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     note = f"  RMS over windows of {STANDARD}; ✗ beyond the acceptable size, ≈ its interval holds it"
-    cost = cost_told(result)
-    return [*("  " + _aligned(row, widths) for row in rows), note, *([] if cost is None else [f"  {cost}"])]
+    return [
+        *("  " + _aligned(row, widths) for row in rows),
+        note,
+        *(f"  {cost}" for cost in costs_told(result)),
+    ]
 
 
 def _error_cells(

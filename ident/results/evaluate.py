@@ -8,7 +8,9 @@ from typing import Literal
 from ident.results.common import Estimate, Provenance, Refusal
 from ident.results.logs import RunHealth
 
-ModelName = Literal["kinematic", "linear", "piecewise_linear", "brush", "magic_formula", "pac2002"]
+ModelName = Literal[
+    "kinematic", "linear", "piecewise_linear", "brush", "magic_formula", "pac2002", "two_track"
+]
 InputLevel = Literal["measured", "request"]
 SplitBy = Literal["run", "part", "block", "none"]
 
@@ -126,13 +128,14 @@ class Requirement:
 class CostRatio:
     """How much more a step of one model costs than one of another, both timed in this run.
 
-    ratio : of their ``cost_ns_per_step`` [-]; reported : by the source; reason : where it comes from
+    ratio : of their ``cost_ns_per_step`` [-]; reason : where it comes from
+    reported : by the source, None where it reports none
     """
 
     model: ModelName
     over: ModelName
     ratio: float
-    reported: float
+    reported: float | None
     reason: str
 
 
@@ -146,7 +149,8 @@ class EvaluateResult:
     held_out, training : names of runs, or of parts of runs ("manual_a [40, 60] s")
     geometry : cg_to_front_axle, cg_to_rear_axle, reference_x of the positions [m], where known: to draw it
     against : path of the other model file, where two were compared
-    cost_ratio : PAC2002 over piecewise linear tyres, where both were evaluated
+    cost_ratios : PAC2002 over piecewise linear tyres, two tracks over one, where both were evaluated
+    two_track : what the two-track model takes as given, in words; None where it was not evaluated
     """
 
     schema_version: str
@@ -173,4 +177,5 @@ class EvaluateResult:
     warnings: list[str]
     against: str | None = None
     geometry: dict[str, float] = field(default_factory=dict)
-    cost_ratio: CostRatio | None = None
+    cost_ratios: list[CostRatio] = field(default_factory=list)
+    two_track: str | None = None

@@ -77,6 +77,30 @@ class TyreFit:
 
 
 @dataclass(frozen=True)
+class TwoTrackFit:
+    """The two-track model with tyres of one kind, fitted for itself to the windows of the bicycle.
+
+    axles : "front", "rear" -> number of axles; lifted : the one of them that is off the road, 1 the foremost
+    chassis : parameter -> value that was taken as given, by the vehicle file or as assumed
+    front, rear : parameter -> estimate; the force is that of all wheels of the axles there together
+    rms : signal -> root mean square of measured minus modelled, as of the other fits
+    criterion_gain : criterion of the bicycle with these tyres less that of this model; positive: it is better
+    """
+
+    kind: TyreKind
+    axles: dict[str, int]
+    lifted: dict[str, int]
+    chassis: dict[str, FixedValue]
+    front: dict[str, Estimate]
+    rear: dict[str, Estimate]
+    yaw_inertia: Estimate
+    steering_offset: float
+    rms: dict[str, float]
+    criterion_gain: float
+    converged: bool
+
+
+@dataclass(frozen=True)
 class EffectEstimate:
     """One effect that is part of a fitted model, with its parameters.
 
@@ -198,6 +222,7 @@ class TyresResult:
     nuisance : offsets and biases fitted with the tyres
     property_files : those of the vehicle file, where the scaling factors of PAC2002 tyres were fitted
     observer : None where the motion does not tell the forces of two axles; why is among the warnings
+    two_track : None where the vehicle file does not give what it needs; why is among what is refused
     """
 
     schema_version: str
@@ -224,3 +249,4 @@ class TyresResult:
     measured_forces: list[ForceComparison] = field(default_factory=list)
     property_files: list[TyreFile] = field(default_factory=list)
     observer: ForceObserver | None = None
+    two_track: TwoTrackFit | None = None

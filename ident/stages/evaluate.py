@@ -28,7 +28,6 @@ from ident.results import (
     Refusal,
     Requirement,
     SteeringResult,
-    TyreKind,
     TyresResult,
 )
 from ident.signals.run import LoadedLogs
@@ -36,11 +35,12 @@ from ident.stages.evaluate_characteristics import characteristics
 from ident.stages.evaluate_checks import checks
 from ident.stages.evaluate_data import HeldOut, held_out_data, held_out_motion
 from ident.stages.evaluate_errors import JUDGED, Evaluated, Level, levels
-from ident.stages.evaluate_models import candidates, cost_ratio, from_file
+from ident.stages.evaluate_models import TWO_TRACK, candidates, cost_ratios, from_file
 from ident.stages.evaluate_settings import UNITS, EvaluateSettings
 from ident.stages.evaluate_tables import evaluate_tables
 from ident.stages.inputs import InputSettings, SplitSettings, load, provenance
 from ident.stages.output import Context, StageOutput
+from ident.stages.two_track_model import two_track_told
 from ident.stages.tyre_data import TyreData
 
 Array = NDArray[np.float64]
@@ -52,6 +52,7 @@ NAMES: dict[ModelName, str] = {
     "brush": "brush",
     "magic_formula": "Magic Formula",
     "pac2002": "PAC2002",
+    "two_track": "two-track",
 }
 COMPARED = ("yaw_rate", "lateral_acceleration", "position_y", "heading")
 SIGNIFICANT = 0.05
@@ -146,7 +147,7 @@ def _result(
         acceleration_edges=acceleration,
         repeat_noise=dict(noise),
         runs=[run.health for run in loaded.runs],
-        refused=[*motion.left_out, *_refused(settings, told, data.tyres.chosen), *loaded.unreadable],
+        refused=[*motion.left_out, *_refused(settings, told, data.tyres), *loaded.unreadable],
         warnings=list(dict.fromkeys([*loaded.warnings, *motion.warnings, *_doubts(found)])),
         against=None if settings.against is None else str(settings.against),
         geometry={
@@ -154,7 +155,8 @@ def _result(
             "cg_to_rear_axle": motion.body.cg_to_rear_axle,
             "reference_x": data.records[0].reference_x,
         },
-        cost_ratio=cost_ratio(measured, data.tyres.property_files),
+        cost_ratios=cost_ratios(measured, data.tyres),
+        two_track=two_track_told(data.tyres) if TWO_TRACK in {one.name for one in told} else None,
     )
 
 
@@ -310,12 +312,13 @@ def _turning(speed: Array, record: MotionRecord) -> Array:
     return np.abs(speed * np.interp(record.times, turn.times, turn.values))
 
 
-def _refused(
-    settings: EvaluateSettings, told: Sequence[EvaluatedModel], identified: TyreKind
-) -> list[Refusal]:
-    there = {one.name for one in told}
+def _refused(settings: EvaluateSettings, told: Sequence[EvaluatedModel], tyres: TyresResult) -> list[Refusal]:
+    there, identified = {one.name for one in told}, tyres.chosen
     asked = settings.models or [name for name in NAMES if name != "pac2002"]
-    made = [Refusal(name, "was not fitted") for name in asked if name not in there]
+    why: dict[str, str] = {
+        one.what: f"is not testable: {one.reason}" for one in tyres.refused if one.what == TWO_TRACK
+    }
+    made = [Refusal(name, why.get(name, "was not fitted")) for name in asked if name not in there]
     if settings.against is not None and identified not in there:
         made.append(Refusal("comparison with another model", f"{NAMES[identified]} is not among the models"))
     if all(one.input == "measured" for one in told):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 from ident.dynamics.bicycle import bicycle
 from ident.dynamics.engine import compiled
@@ -13,11 +14,21 @@ from ident.errors import BadRecipe, NotIdentifiable
 from ident.estimation.evaluation import Candidate
 from ident.estimation.tyre_fit import AXLES, BANK
 from ident.model_file import Value, read_model
-from ident.results import CostRatio, Estimate, EvaluatedModel, ModelName, TyreFile, TyresResult
+from ident.results import (
+    CostRatio,
+    Estimate,
+    EvaluatedModel,
+    ModelName,
+    TwoTrackFit,
+    TyreFile,
+    TyresResult,
+)
+from ident.stages.two_track_model import two_track_candidate
 from ident.stages.tyre_files import PAC2002, tyres_of_files
 
 BODY = ("mass", "cg_to_front_axle", "cg_to_rear_axle")
 OFFSET = "steering_offset"
+TWO_TRACK: Literal["two_track"] = "two_track"
 SOURCE_RATIO = 6.0  # PAC2002 over piecewise linear, as the source reports it
 
 
@@ -41,6 +52,8 @@ def candidates(tyres: TyresResult, names: Sequence[ModelName] | None) -> list[Ca
             }
             inertia = _known(fit.yaw_inertia)
             made.append(_bicycle(fit.kind, own, {**body, "yaw_inertia": inertia, **parts}, offset))
+    if tyres.two_track is not None and (names is None or TWO_TRACK in names):
+        made.append(two_track_candidate(tyres, tyres.two_track))
     if not made:
         raise NotIdentifiable(f"none of the models {', '.join(names or [])} was fitted: run `ident tyres`")
     return made
@@ -71,24 +84,39 @@ def from_file(path: Path) -> Candidate:
     return _bicycle(str(path), own, {**body, **parts}, (offsets or [0.0])[0] or 0.0)
 
 
-def cost_ratio(models: Sequence[EvaluatedModel], files: Sequence[TyreFile]) -> CostRatio | None:
-    """How much more a step with PAC2002 tyres costs than one with piecewise linear ones, and why.
+def cost_ratios(models: Sequence[EvaluatedModel], tyres: TyresResult) -> list[CostRatio]:
+    """How much more a step costs with PAC2002 tyres and with two tracks, and why.
 
-    models : driven by the same input; None where one of both is not among them
+    models : driven by the same input; a ratio is left out where one of both is not among them
     """
     cost = {one.name: one.cost_ns_per_step for one in models}
-    if PAC2002 not in cost or cost.get("piecewise_linear", 0.0) <= 0:
-        return None
+    made = []
+    if PAC2002 in cost and cost.get("piecewise_linear", 0.0) > 0:
+        ratio, why = cost[PAC2002] / cost["piecewise_linear"], _why_pac2002(tyres.property_files)
+        made.append(CostRatio(PAC2002, "piecewise_linear", ratio, SOURCE_RATIO, why))
+    own = tyres.two_track
+    if own is not None and TWO_TRACK in cost and cost.get(own.kind, 0.0) > 0:
+        ratio, why = cost[TWO_TRACK] / cost[own.kind], _why_two_tracks(own)
+        made.append(CostRatio(TWO_TRACK, own.kind, ratio, None, why))
+    return made
+
+
+def _why_pac2002(files: Sequence[TyreFile]) -> str:
     sides = tyres_of_files(files, "tyres.json").coefficients
     curves = sum(1 if one.side == "symmetric" else 2 for one in sides.values())
-    reason = (
+    return (
         f"both axles together take {curves} PAC2002 curves in each of the four evaluations of a step (a tyre "
         "that is not symmetric stands beside its mirror image), each with a sine, two arctangents and "
         "coefficients that depend on load; a piecewise linear axle takes a product and two comparisons. What "
         "both share (slip angles, motion, sensors) brings the ratio down"
     )
-    return CostRatio(
-        PAC2002, "piecewise_linear", cost[PAC2002] / cost["piecewise_linear"], SOURCE_RATIO, reason
+
+
+def _why_two_tracks(fit: TwoTrackFit) -> str:
+    wheels = 2 * sum(fit.axles.values())
+    return (
+        f"each of the four evaluations of a step takes {wheels} wheels, each with a slip angle, a load and a "
+        "force of its own, where the bicycle with the same tyres takes two axles at constant load"
     )
 
 

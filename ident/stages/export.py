@@ -11,8 +11,8 @@ from ident.stages.tyre_files import PAC2002, property_file_of
 
 EXPORTED = "only PAC2002 tyres fitted to a property file can be written as one"
 HOW = (
-    "name the file in vehicle.yaml (tyres: file.tir) and run `ident tyres` with tyres: {kinds: [pac2002]} in "
-    "the recipe"
+    "name the file in vehicle.yaml (tyres: file.tir) and run `ident tyres`, with pac2002 among the kinds "
+    "that the recipe asks for"
 )
 
 
@@ -34,18 +34,25 @@ def tyre_files(model: Model, source: str) -> dict[str, bytes]:
     BadRecipe
         If its property file is missing or not the one that was fitted, or a factor has no value.
     """
-    if model.tyres is None:
-        raise NotIdentifiable(f"{source}: holds no tyres, {EXPORTED}: {HOW}")
-    if model.tyres.kind != PAC2002:
-        raise NotIdentifiable(f"{source}: its tyres are {model.tyres.kind}, {EXPORTED}: {HOW}")
-    held = {axle: one for one in model.tyres.property_files or [] for axle in one.number}
+    tyres = _of_files(model, source)
+    held = {axle: one for one in tyres.property_files or [] for axle in one.number}
     made = {}
     for axle in AXLES:
         if axle not in held:
             raise BadRecipe(f"{source}: holds no property file of the {axle} tyres: {HOW}")
-        factors = _factors(model.tyres, axle, source)
+        factors = _factors(tyres, axle, source)
         made[axle] = with_scaling(property_file_of(held[axle], source), factors).to_bytes()
     return made
+
+
+def _of_files(model: Model, source: str) -> TyresPart:
+    """The PAC2002 tyres of a model: those that go on, or those beside them."""
+    there = [one for one in (model.tyres, model.property_tyres) if one is not None]
+    own = next((one for one in there if one.kind == PAC2002), None)
+    if own is None:
+        holds = f"its tyres are {there[0].kind}" if there else "holds no tyres"
+        raise NotIdentifiable(f"{source}: {holds}, {EXPORTED}: {HOW}")
+    return own
 
 
 def _factors(tyres: TyresPart, axle: str, source: str) -> dict[str, float]:

@@ -245,7 +245,8 @@ def _vehicle_lines(evidence: Mapping[str, Sequence[Finding]]) -> Iterator[str]:
             if finding.unit is not None:
                 yield f"#   {_comment(finding.text)}"
     yield "# track: 2.0 m"
-    yield "# cg_height: 1.1 m"
+    yield "# cg_height: 1.1 m             # with the track: the two-track model is fitted, too"
+    yield "# axles: {rear: {number: 2, spacing: 1.35 m}}   # a tandem; distances are to its middle"
     yield from _ratio_lines(evidence.get("steering_wheel_angle", []))
     yield from _point_lines(evidence.get("lateral_velocity", []))
     yield "# imu_position: [0 m, 0 m, 0 m]   # from the CG: x forward, y left, z up"

@@ -14,6 +14,7 @@ class TyresSettings(BaseModel):
     """Settings of this stage.
 
     kinds : of tyres, unless said all that there are: PAC2002 where the vehicle file names property files
+    two_track : whether the two-track model is fitted too, where the vehicle file gives track and cg_height
     runs : globs of the runs to be used, all unless said
     least_speed : below which nothing is used [m/s]
     """
@@ -21,5 +22,6 @@ class TyresSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     kinds: Annotated[list[TyreKind], Field(min_length=1)] | None = None
+    two_track: bool = True
     runs: list[str] | None = None
     least_speed: Annotated[float, quantity("m/s", positive=True)] = 3.0

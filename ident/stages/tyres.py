@@ -8,7 +8,7 @@ the best.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,6 @@ from ident.estimation.vehicle_problem import ACROSS, ALONG, POSITION
 from ident.glossary import SIGNALS
 from ident.results import (
     SCHEMA_VERSION,
-    EffectEstimate,
     Estimate,
     Refusal,
     ResidualNoise,
@@ -37,9 +36,11 @@ from ident.results import (
 from ident.signals.run import LoadedLogs
 from ident.stages.inputs import InputSettings, load, provenance
 from ident.stages.output import Context, StageOutput
-from ident.stages.tyre_data import GIVEN, TyreData, fixed_values, tyre_data, without_run
+from ident.stages.two_track_model import two_track_fit
+from ident.stages.tyre_data import TyreData, fixed_values, tyre_data, without_run
 from ident.stages.tyre_files import PAC2002, FileTyres, doubts_of_load, read_tyre_files, tyres_of_files
 from ident.stages.tyre_forces import compare_forces
+from ident.stages.tyre_model import model_part
 from ident.stages.tyre_nuisance import nuisance, told_reference
 from ident.stages.tyre_observer import observe
 from ident.stages.tyre_settings import TyresSettings
@@ -58,7 +59,6 @@ NAMES = {
 }
 UNITS = {name: SIGNALS[name].unit for name in (*SENSOR_BIAS, *POSITION)}
 UNITS |= dict.fromkeys((ALONG, ACROSS), UNITS["position_x"])
-OF_EFFECTS = {"steering_offset": "effects.steering_offset.angle", "reference_x": "effects.antenna_offset.x"}
 TELLS = 0.25  # largest relative standard error of a parameter that a run alone tells
 DISAGREES = 1e-3
 LIKE_A_BRUSH = {"shape": 1.35, "curvature": -0.5}
@@ -97,7 +97,25 @@ def tyres(
     warnings = [*result.warnings, *doubts]
     result = replace(result, measured_forces=compared, observer=observer, warnings=warnings)
     result = replace(result, **_of_files(file_tyres, result, data))
-    return StageOutput(result, tables, _model_part(data, result, found[chosen], known[chosen]))
+    result = _with_two_tracks(result, data, settings, context, found)
+    return StageOutput(result, tables, model_part(data, result, found[chosen], known[chosen]))
+
+
+def _with_two_tracks(
+    result: TyresResult,
+    data: TyreData,
+    settings: TyresSettings,
+    context: Context,
+    found: Mapping[TyreKind, KindFit],
+) -> TyresResult:
+    """Add the two-track model, or why there is none."""
+    if not settings.two_track:
+        return result
+    context.progress("fit the two-track model", 0, 1)
+    try:
+        return replace(result, two_track=two_track_fit(data, found, result.chosen))
+    except NotIdentifiable as error:
+        return replace(result, refused=[*result.refused, Refusal("two_track", str(error))])
 
 
 def _file_tyres(data: TyreData, settings: TyresSettings) -> FileTyres | None:
@@ -210,8 +228,8 @@ def _in_a_sentence(kind: TyreKind) -> str:
 def choose(told: Mapping[TyreKind, float]) -> TyreKind:
     """The simplest kind whose criterion is within CLEARLY of the best.
 
-    PAC2002 goes on only where no other kind was fitted: its model needs the property file, and what comes
-    after the evaluation does not use such a one.
+    PAC2002 goes on only where no other kind was fitted, for what comes after the evaluation does not use such
+    tyres; else it stands beside the chosen kind in ``model.yaml``.
     """
     others: Mapping[TyreKind, float] = {k: size for k, size in told.items() if k != PAC2002} or told
     best = min(others.values())
@@ -225,7 +243,7 @@ def _why(fits: Sequence[TyreFit], chosen: TyreKind) -> str:
         return "the only kind that was fitted"
     best = by_kind[chosen].criterion
     told = ", ".join(f"{_in_a_sentence(kind)} {by_kind[kind].criterion - best:+.0f}" for kind in others)
-    aside = "; PAC2002 goes on only where it alone is asked for (tyres: {kinds: [pac2002]})"
+    aside = "; PAC2002 goes on only where it alone is asked for, and stands beside it for `ident export`"
     least = f"its information criterion is the least, or the simplest near it: {told} against it"
     return least + (aside if PAC2002 in by_kind else "")
 
@@ -404,42 +422,3 @@ def _acceleration(found: KindFit) -> Array:
 
 def _range(values: Array) -> list[float]:
     return [float(values.min()), float(values.max())]
-
-
-def _model_part(data: TyreData, result: TyresResult, found: KindFit, known: Uncertainty) -> Mapping[str, Any]:
-    """Return the part of ``model.yaml`` that this stage knows."""
-    own = next(fit for fit in result.fits if fit.kind == result.chosen)
-    given = {
-        name: {"value": float(getattr(data.vehicle, name)), "std": data.vehicle.std.get(name), "unit": unit}
-        for name, unit in GIVEN.items()
-    }
-    names = [f"tyres.{n}" if n.partition(".")[0] in AXLES else f"vehicle.{n}" for n in found.names]
-    for coordinate, parameter in OF_EFFECTS.items():
-        if coordinate in found.names:
-            names[found.names.index(coordinate)] = parameter
-    return {
-        "vehicle": {**given, "yaw_inertia": _value(own.yaw_inertia)},
-        "reference_point": data.vehicle.reference_point,
-        "tyres": {
-            "kind": own.kind,
-            **{axle: {k: _value(v) for k, v in getattr(own, axle).items()} for axle in AXLES},
-            "property_files": result.property_files if own.kind == PAC2002 else None,
-        },
-        "effects": [_effect_part(one) for one in result.nuisance],
-        "noise": {
-            name: {"std": one.std, "ar": one.ar, "sample_period": one.sample_period}
-            for name, one in result.noise.items()
-        },
-        "parameters": names,
-        "covariance": known.covariance_of_values(found),
-        "valid_range": {"speed": result.speed, "lateral_acceleration": result.lateral_acceleration},
-    }
-
-
-def _value(one: Estimate) -> dict[str, Any]:
-    return {key: asdict(one)[key] for key in ("value", "std", "unit")}
-
-
-def _effect_part(one: EffectEstimate) -> dict[str, Any]:
-    parameters = {name: _value(estimate) for name, estimate in one.parameters.items()}
-    return {"name": one.name, "enters": one.enters, "parameters": parameters, "of": one.of, "run": one.run}

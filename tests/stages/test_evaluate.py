@@ -31,7 +31,7 @@ MODELS = ("kinematic", "linear", "magic_formula")
 
 @pytest.fixture(scope="module")
 def identified() -> StageOutput[TyresResult]:
-    settings = TyresSettings(kinds=["linear", "magic_formula"], runs=["manual_a"])
+    settings = TyresSettings(kinds=["linear", "magic_formula"], runs=["manual_a"], two_track=False)
     return tyres([SAMPLES / "manual_a"], INPUTS, settings, CONTEXT)
 
 
@@ -69,6 +69,11 @@ def test_only_what_is_held_out_is_predicted(output: StageOutput[EvaluateResult])
     )
     assert {one.run for one in model(result, "linear").by_run} == {"manual_c", "path_b"}
     assert not [one for one in result.checks if one.verdict == "refused"]
+
+
+def test_two_tracks_that_the_recipe_does_not_want_are_not_there(fitted: TyresResult) -> None:
+    assert fitted.two_track is None
+    assert "two_track" not in {one.what for one in fitted.refused}
 
 
 def test_physics_orders_the_models(output: StageOutput[EvaluateResult]) -> None:

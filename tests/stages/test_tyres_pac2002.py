@@ -14,7 +14,8 @@ from tyre_files import tyre_text
 from ident.control.truck import Truck
 from ident.dynamics.tyres.property_file import parse_property_file
 from ident.errors import BadRecipe, NotIdentifiable
-from ident.model_file import Model, model_text
+from ident.model_file import Model, model_from, model_text
+from ident.pipeline.files import plain
 from ident.pipeline.model import composed
 from ident.pipeline.store import result_text
 from ident.report.html import render
@@ -22,7 +23,7 @@ from ident.report.pages.tyres import tyres_page
 from ident.report.summary import describe_evaluate, describe_tyres
 from ident.results import EvaluatedModel, TyresResult
 from ident.stages.evaluate import evaluate
-from ident.stages.evaluate_models import candidates, cost_ratio, from_file
+from ident.stages.evaluate_models import candidates, cost_ratios, from_file
 from ident.stages.evaluate_settings import EvaluateSettings
 from ident.stages.export import tyre_files
 from ident.stages.inputs import InputSettings, SplitSettings
@@ -132,12 +133,13 @@ def test_a_property_file_that_is_none_is_one_line(logs: Path, tmp_path: Path) ->
 
 
 def test_the_evaluation_has_the_model_and_its_cost(logs: Path, output: StageOutput[TyresResult]) -> None:
-    said = EvaluateSettings(models=["piecewise_linear", "pac2002"])
+    said = EvaluateSettings(models=["piecewise_linear", "pac2002", "two_track"])
     found = evaluate([logs], InputSettings(split=HELD_OUT), said, CONTEXT, tyres=output.result)
     rms = {one.name: one.windows["2 s"]["yaw_rate"].value for one in found.result.models}
     assert rms["pac2002"] < rms["piecewise_linear"]
-    ratio = found.result.cost_ratio
-    assert ratio is not None
+    (why,) = [one.reason for one in found.result.refused if one.what == "two_track"]
+    assert why.startswith("is not testable: the vehicle file states no track and cg_height: add")
+    (ratio,) = found.result.cost_ratios
     cost = {one.name: one.cost_ns_per_step for one in found.result.models}
     assert ratio.ratio == cost["pac2002"] / cost["piecewise_linear"]
     assert 1.2 < ratio.ratio < 30
@@ -146,12 +148,11 @@ def test_the_evaluation_has_the_model_and_its_cost(logs: Path, output: StageOutp
 
 
 def test_the_cost_is_not_told_where_one_model_was_not_evaluated(output: StageOutput[TyresResult]) -> None:
-    assert cost_ratio([], output.result.property_files) is None
+    assert cost_ratios([], output.result) == []
     one = EvaluatedModel("pac2002", "measured", {}, {}, {}, {}, {}, [], None, 700.0, [])
-    assert cost_ratio([one], output.result.property_files) is None
+    assert cost_ratios([one], output.result) == []
     other = replace(one, name="piecewise_linear", cost_ns_per_step=200.0)
-    told = cost_ratio([one, other], output.result.property_files)
-    assert told is not None
+    (told,) = cost_ratios([one, other], output.result)
     assert told.ratio == 3.5
 
 
@@ -174,6 +175,19 @@ def test_what_was_fitted_is_what_is_exported(model: Model, alone: StageOutput[Ty
         told = getattr(alone.result.fits[0], axle)
         for name in ("LKY", "LMUY", "LCY", "LEY"):
             assert file.number(name) == pytest.approx(told[name].value, rel=1e-6)
+
+
+def test_a_fit_beside_others_is_kept_in_the_model_and_exported(output: StageOutput[TyresResult]) -> None:
+    beside = composed({"tyres": output.model or {}}, {"tyres": output.result.provenance})
+    assert beside.tyres is not None
+    assert beside.property_tyres is not None
+    assert (beside.tyres.kind, beside.property_tyres.kind) == ("piecewise_linear", "pac2002")
+    assert all(name.partition(".")[0] != "property_tyres" for name in beside.parameters)
+    written = tyre_files(model_from(plain(beside), "m"), "m")
+    scaled = next(fit for fit in output.result.fits if fit.kind == "pac2002")
+    for axle in ("front", "rear"):
+        told = getattr(scaled, axle)
+        assert parse_property_file(written[axle], axle).number("LKY") == pytest.approx(told["LKY"].value)
 
 
 def test_the_validation_says_that_it_simulates_no_such_truck(

@@ -10,7 +10,7 @@ from ident.report.evaluated import (
     MARKS,
     STANDARD,
     TONES,
-    cost_told,
+    costs_told,
     driven_by,
     judge,
     model_name,
@@ -60,9 +60,9 @@ def overview(result: EvaluateResult) -> Table:
     rows = [_limits(result, signals)] if result.acceptable else []
     rows += [_overview_row(result, model, signals) for model in models]
     notes = [f"RMS error on held-out data over windows of {STANDARD} from many starts; {LEGEND}."]
-    cost = cost_told(result)
-    if cost is not None and result.cost_ratio is not None:
-        notes.append(f"{cost}: {result.cost_ratio.reason}.")
+    told = zip(costs_told(result), result.cost_ratios, strict=True)
+    notes += [f"{cost}: {one.reason}." for cost, one in told]
+    notes += [f"{result.two_track}."] if result.two_track else []
     return Table(columns, rows, notes=notes, download="evaluate_models.csv", records=error_records(result))
 
 

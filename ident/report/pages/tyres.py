@@ -24,6 +24,7 @@ from ident.report.pages import health, tyre_curves, tyre_observer
 from ident.report.pages import tyres_figures as figures
 from ident.report.pages import tyres_tables as tables_of
 from ident.report.pages.steering import refusals
+from ident.report.pages.tyres_two_track import two_track_sections
 from ident.report.tyre_parameters import FORMULAS, KINDS, chosen_fit, estimates
 from ident.report.tyre_signals import DYNAMIC, SIGNALS, by_agreement, runs_of
 from ident.results import TyresResult
@@ -75,6 +76,7 @@ def tyres_page(result: TyresResult, tables: Mapping[str, pd.DataFrame]) -> Page:
         lead=_lead(result, tables["tyre_forces"]),
         sections=[
             Section("fits", "Kinds of tyres side by side", _fits(result), "Fits"),
+            *two_track_sections(result),
             Section("signals", "Measured against simulated", _signals(runs, ranked), "Signals"),
             *_axle_forces(result, runs, forces, ranked),
             *_measured_forces(result),
