@@ -1,137 +1,213 @@
-"""Types of DDS that a test publishes, one of each way in which a message is laid out, and values of them."""
+"""Types of DDS as plain trees: each can be written as IDL, and as random trees with values by hypothesis.
 
-import dataclasses
-from enum import Enum
-from typing import Any, Optional
+A value is what Python has for it: a dict of the members of a struct, a list of an array or a sequence, a
+string, a number; None is an optional member that is absent. Nothing here comes from ``ident``.
+"""
 
-import cyclonedds.idl.annotations as note
-import cyclonedds.idl.types as of
-from cyclonedds import idl
+import zlib
+from dataclasses import dataclass, field
 
-# ruff: noqa: UP045 (cyclonedds reads Optional alone)
+import numpy as np
+from hypothesis import strategies as st
 
-
-class Gear(idl.IdlEnum, typename="truck.Gear"):
-    neutral = 0
-    drive = 1
-    reverse = 5
-
-
-@dataclasses.dataclass
-@note.final
-class Stamp(idl.IdlStruct, typename="truck.basic.Stamp"):
-    sec: of.int32
-    nanosec: of.uint32
+NUMBERS = {  # name in IDL -> numpy type
+    "boolean": "bool", "octet": "uint8", "char": "uint8", "int8": "int8", "short": "int16", "long": "int32",
+    "long long": "int64", "uint8": "uint8", "unsigned short": "uint16", "unsigned long": "uint32",
+    "unsigned long long": "uint64", "float": "float32", "double": "float64",
+}  # fmt: skip
+EXTENSIBILITIES = ("final", "appendable", "mutable")
 
 
-@dataclasses.dataclass
-@note.appendable
-class Wheel(idl.IdlStruct, typename="truck.basic.Wheel"):
+@dataclass(frozen=True)
+class Num:
+    """A number, by its name in IDL."""
+
+    idl: str
+
+
+@dataclass(frozen=True)
+class Str:
+    """A string; ``bound`` is how long it may be, None without a bound."""
+
+    bound: int | None = None
+
+
+@dataclass(frozen=True)
+class Choice:
+    """An enum of ``bits`` bits with the values 0 to 3."""
+
+    bits: int = 32
+
+    @property
+    def name(self):
+        return f"Choice{self.bits}"
+
+
+@dataclass(frozen=True)
+class Seq:
+    of: object
+    bound: int | None = None
+
+
+@dataclass(frozen=True)
+class Arr:
+    of: object
+    size: int
+
+
+@dataclass(frozen=True)
+class Field:
     name: str
-    speed: of.float32
+    of: object
+    optional: bool = False
+    id: int | None = None
 
 
-@dataclasses.dataclass
-@note.final
-class Plain(idl.IdlStruct, typename="truck.Plain"):
-    flag: bool
-    x: of.float64
-    y: of.uint16
-    text: str
-    z: of.int64
+@dataclass(frozen=True)
+class Rec:
+    """A struct."""
+
+    name: str
+    extensibility: str
+    fields: tuple = field(default_factory=tuple)
+
+    def ids(self):
+        """Id of each field: as annotated, else one more than the one before."""
+        found, number = {}, -1
+        for each in self.fields:
+            number = number + 1 if each.id is None else each.id
+            found[each.name] = number
+        return found
 
 
-@dataclasses.dataclass
-@note.appendable
-class State(idl.IdlStruct, typename="truck.State"):
-    stamp: Stamp
-    number: of.uint8
-    note.key("number")
-    gear: Gear
-    angle: of.float64
-    wheels: of.sequence[Wheel]
-    counts: of.sequence[of.int16, 10]
-    grid: of.array[of.float32, 3]
-    text: of.bounded_str[20]
-    extra: Optional[of.float64]
-    flag: bool
-    big: of.uint64
+# --- as IDL ---------------------------------------------------------------------------------------------
 
 
-@dataclasses.dataclass
-@note.mutable
-class Loose(idl.IdlStruct, typename="truck.Loose"):
-    speed: of.float64
-    note.member_id("speed", 40)
-    gear: Optional[of.int32]
-    wheel: Wheel
-    values: of.sequence[of.float64]
+def as_idl(root):
+    """IDL of a struct and all it is made of, inner ones first."""
+    parts = {}
+    _define(root, parts)
+    return "\n".join(parts.values())
 
 
-@dataclasses.dataclass
-@note.final
-class Reading(idl.IdlStruct, typename="truck_msgs.msg.dds_.Reading_"):
-    stamp: Stamp
-    value: of.float64
+def _define(kind, parts):
+    if isinstance(kind, Rec):
+        for each in kind.fields:
+            _define(each.of, parts)
+        lines = [_line(each) for each in kind.fields]
+        parts[kind.name] = "\n".join([f"@{kind.extensibility} struct {kind.name} {{", *lines, "};"])
+    elif isinstance(kind, Choice):
+        names = ", ".join(f"K{kind.bits}_{k}" for k in range(4))
+        parts[kind.name] = f"@bit_bound({kind.bits}) enum {kind.name} {{ {names} }};"
+    elif isinstance(kind, (Seq, Arr)):
+        _define(kind.of, parts)
+        if isinstance(kind.of, Arr):  # an array inside a template needs a name
+            name, sizes = _spelled(kind.of)
+            parts[_alias(kind.of)] = f"typedef {name} {_alias(kind.of)}{sizes};"
 
 
-@note.final
-class Choice(idl.IdlUnion, discriminator=of.int32, typename="truck.Choice"):
-    whole: of.case[[1, 2], of.int32]
-    real: of.default[of.float64]
+def _line(each):
+    notes = "@optional " if each.optional else ""
+    notes += f"@id({each.id}) " if each.id is not None else ""
+    name, sizes = _spelled(each.of)
+    return f"  {notes}{name} {each.name}{sizes};"
 
 
-@dataclasses.dataclass
-@note.final
-class Chosen(idl.IdlStruct, typename="truck.Chosen"):
-    choice: Choice
+def _spelled(kind):
+    """Name of a type, and the sizes behind the name of what is declared."""
+    if isinstance(kind, Arr):
+        name, sizes = _spelled(kind.of)
+        return name, f"[{kind.size}]{sizes}"
+    if isinstance(kind, Seq):
+        inner = _alias(kind.of) if isinstance(kind.of, Arr) else _spelled(kind.of)[0]
+        return f"sequence<{inner}{'' if kind.bound is None else f', {kind.bound}'}>", ""
+    if isinstance(kind, Str):
+        return "string" if kind.bound is None else f"string<{kind.bound}>", ""
+    return (kind.idl if isinstance(kind, Num) else kind.name), ""
 
 
-@dataclasses.dataclass
-@note.final
-class Untold(idl.IdlStruct, typename="truck.Untold"):
-    x: of.float64
+def _alias(kind):
+    return f"A{zlib.crc32(repr(kind).encode()):08x}"
 
 
-def plain(i: int) -> Plain:
-    return Plain(i % 2 == 0, -1.5 * i, 65_535 - i, "a" * (i % 5), -(2**53) + i)
+# --- numbers in it --------------------------------------------------------------------------------------
 
 
-def state(i: int) -> State:
-    wheels = [Wheel("w" * k, 0.5 * i + k) for k in range(i % 3)]
-    stamp = Stamp(1_700_000_000 + i, 999_999_999 - i)
-    gear = list(Gear)[i % 3]
-    extra = None if i % 2 else -2.5 * i
-    counts = list(range(-i, -i + i % 4))
-    grid = [0.25 * i, 1.5, -3.0]
-    return State(
-        stamp, i % 2, gear, 0.1 * i, wheels, counts, grid, "t" * (i % 7), extra, i % 3 == 0, 2**40 + i
+def numbers(kind, value, path=()):
+    """Yield (path, numpy type, value) of every number that a value holds."""
+    if value is None:
+        return
+    if isinstance(kind, Num):
+        yield path, NUMBERS[kind.idl], value
+    elif isinstance(kind, Choice):
+        yield path, f"int{kind.bits}", value
+    elif isinstance(kind, (Seq, Arr)):
+        for index, each in enumerate(value):
+            yield from numbers(kind.of, each, (*path, index))
+    elif isinstance(kind, Rec):
+        for each in kind.fields:
+            yield from numbers(each.of, value.get(each.name), (*path, each.name))
+
+
+# --- random ones ----------------------------------------------------------------------------------------
+
+
+def kinds(names, depth=2):
+    """Random types; ``names`` is a list that grows by the names of the structs."""
+    simple = st.one_of(
+        st.sampled_from([Num(name) for name in NUMBERS]),
+        st.sampled_from([Str(), Str(9), Choice(8), Choice(16), Choice(32)]),
+    )
+    if depth == 0:
+        return simple
+    inner = kinds(names, depth - 1)
+    return st.one_of(
+        simple,
+        st.builds(Seq, inner, st.sampled_from([None, 4])),
+        st.builds(Arr, inner, st.integers(1, 3)),
+        structs(names, depth - 1),
     )
 
 
-def loose(i: int) -> Loose:
-    return Loose(0.1 * i, None if i % 3 else i, Wheel("x" * (i % 4), 2.0 * i), [0.5 * i] * (i % 3))
+@st.composite
+def structs(draw, names, depth=2, extensibility=None):
+    """Random structs with ids, of which some leave gaps and some need extended headers."""
+    chosen = extensibility or draw(st.sampled_from(EXTENSIBILITIES))
+    number, fields = -1, []
+    for index in range(draw(st.integers(1, 5))):
+        step = draw(st.sampled_from([1, 1, 1, 2, 70, 20_000]))
+        number += step
+        kind = draw(kinds(names, depth))
+        fields.append(Field(f"f{index}", kind, draw(st.integers(0, 3)) == 0, None if step == 1 else number))
+    names.append(f"S{len(names)}")
+    return Rec(names[-1], chosen, tuple(fields))
 
 
-def reading(i: int) -> Reading:
-    return Reading(Stamp(i, 7 * i), 0.25 * i)
+def values(kind):
+    """Random values of a type."""
+    if isinstance(kind, Num):
+        return _plain("char" if kind.idl == "char" else NUMBERS[kind.idl])
+    if isinstance(kind, Choice):
+        return st.integers(0, 3)
+    if isinstance(kind, Str):
+        return st.text("abcdé", max_size=4)
+    if isinstance(kind, Seq):
+        return st.lists(values(kind.of), max_size=3)
+    if isinstance(kind, Arr):
+        return st.lists(values(kind.of), min_size=kind.size, max_size=kind.size)
+    return st.fixed_dictionaries({each.name: _member(each) for each in kind.fields})
 
 
-def chosen(i: int) -> Chosen:
-    return Chosen(Choice(whole=i) if i % 2 else Choice(real=0.5 * i))
+def _member(each):
+    return st.none() | values(each.of) if each.optional else values(each.of)
 
 
-def numbers(value: Any, path: str = "") -> dict[str, float]:
-    """Path -> number, of all that a message holds, as ident.logs names them."""
-    if isinstance(value, Enum):
-        return {path: float(value.value)}
-    if isinstance(value, bool | int | float):
-        return {path: float(value)}
-    if isinstance(value, list):
-        inner = ((f"{path}[{k}]", each) for k, each in enumerate(value))
-    elif dataclasses.is_dataclass(value):
-        dot = f"{path}." if path else ""
-        inner = ((f"{dot}{field.name}", getattr(value, field.name)) for field in dataclasses.fields(value))
-    else:
-        return {}
-    return {name: number for at, each in inner for name, number in numbers(each, at).items()}
+def _plain(name):
+    if name == "bool":
+        return st.booleans()
+    if name == "char":
+        return st.integers(0, 127)
+    if name.startswith("float"):
+        return st.floats(width=int(name[5:]), allow_nan=False)
+    limits = np.iinfo(name)
+    return st.integers(int(limits.min), int(limits.max))
