@@ -17,9 +17,9 @@ Encapsulations (DDS-XTypes 1.3, 7.6.3.1.2; even ones are big-endian):
 
 Members of a parameter list come in any order and may be absent; one that the definition does not know is
 stepped over, unless its writer marked it as one that must be understood. Writers of XCDR2 differ in whether
-an array of enums states its length in bytes: it is read as the standard says (it does) unless the whole
-message fits only, or better, without. ROS 1 messages have no encapsulation, no alignment, and are
-little-endian.
+an array of enums states its length in bytes: it is read as the standard says (it does) where the message
+fits so, else without; a message that is longer than its type so, and fits it without, is refused. ROS 1
+messages have no encapsulation, no alignment, and are little-endian.
 """
 
 from __future__ import annotations
@@ -126,10 +126,11 @@ def find_layout(data: bytes, schema: Schema, wanted: Wanted, encoding: Encoding)
 
 
 def _best_fit(walks: Sequence[tuple[_Walker, str]]) -> tuple[_Walker, str]:
-    """Choose the first walk that went through, before others one that left nothing over."""
-    through = [walk for walk in walks if not walk[1]]
-    fits = [walk for walk in through if walk[0].exact] or through or walks
-    return fits[0]
+    """Choose the first walk that went through; refuse it where it left over what the other did not."""
+    first, *others = [walk for walk in walks if not walk[1]] or walks[:1]
+    if not first[0].exact and any(walker.exact for walker, _ in others):
+        return first[0], "fits a longer type, and this one if its arrays of enums do not state their length"
+    return first
 
 
 @dataclass

@@ -43,6 +43,18 @@ def wide_enums(kind):
     return replace(kind, of=wide_enums(kind.of)) if isinstance(kind, (Seq, Arr)) else kind
 
 
+def without_enum_arrays(kind, *, inside=False):
+    """The same type with numbers of 16 bits in arrays in place of enums."""
+    if isinstance(kind, Choice) and inside:
+        return Num("short")
+    if isinstance(kind, Rec):
+        fields = (replace(each, of=without_enum_arrays(each.of)) for each in kind.fields)
+        return replace(kind, fields=tuple(fields))
+    if isinstance(kind, (Seq, Arr)):
+        return replace(kind, of=without_enum_arrays(kind.of, inside=True))
+    return kind
+
+
 def assert_read(messages, root, expected, idl=None):
     """All numbers of all messages are read, and those that a message does not hold are missing."""
     schema = idl_schema(root.name, idl or as_idl(root))
@@ -109,7 +121,7 @@ def test_members_that_a_mutable_message_lacks_are_missing_and_cost_nothing(case,
 @QUICK
 @given(case=cases(extensibility="appendable"), data=st.data())
 def test_a_longer_or_shorter_appendable_message_of_xcdr2_is_read(case, data):
-    root, expected = case
+    root, expected = without_enum_arrays(case[0]), case[1]
     count = data.draw(st.integers(1, len(root.fields)))
     shorter = replace(root, fields=root.fields[:count])
     held = [{each.name: value[each.name] for each in shorter.fields} for value in expected]
