@@ -156,8 +156,14 @@ def _result(
             "reference_x": data.records[0].reference_x,
         },
         cost_ratios=cost_ratios(measured, data.tyres),
-        two_track=two_track_told(data.tyres) if TWO_TRACK in {one.name for one in told} else None,
+        two_track=_two_tracks(told, data.tyres),
     )
+
+
+def _two_tracks(told: Sequence[EvaluatedModel], tyres: TyresResult) -> str | None:
+    there = any(one.name == TWO_TRACK for one in told)
+    fit = tyres.two_track if there else None
+    return None if fit is None else two_track_told(fit, NAMES[fit.kind])
 
 
 def _doubts(found: Sequence[Check]) -> list[str]:

@@ -136,11 +136,8 @@ def two_track_candidate(tyres: TyresResult, fit: TwoTrackFit) -> Candidate:
     return Candidate(NAME, compiled(system), {**body, **parts, **chassis, **level})
 
 
-def two_track_told(tyres: TyresResult) -> str | None:
-    """What the two-track model takes as given and what it was fitted with, in words."""
-    fit = tyres.two_track
-    if fit is None:
-        return None
+def two_track_told(fit: TwoTrackFit, kind: str) -> str:
+    """What the two-track model takes as given, and the kind of tyres that it was fitted with, in words."""
     more = {name: count for name, count in fit.axles.items() if count > 1}
     axles = "".join(
         f", {count} axles {'in front' if name == 'front' else 'behind'}" for name, count in more.items()
@@ -152,7 +149,6 @@ def two_track_told(tyres: TyresResult) -> str | None:
         for source in (STATED, ASSUMED)
         if any(one.source == source for one in fit.chassis.values())
     ]
-    kind = fit.kind.replace("_", " ")
     return f"two-track: {kind} tyres fitted again for it{axles}{lifted}; {'; '.join(parts)}"
 
 

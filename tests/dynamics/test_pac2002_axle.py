@@ -204,6 +204,8 @@ def test_what_is_not_modelled_is_listed() -> None:
     )
     assert tyre_of_text(text).left_out == ("overturning moment (QSX3)", "rolling resistance moment (QSY1)")
     assert TRUCK.left_out == ()
+    ellipse = tyre_of_text(tyre_text(model={"FE_METHOD": "YES"}))
+    assert ellipse.left_out == ("friction ellipse for combined slip (FE_METHOD)",)
 
 
 @pytest.mark.parametrize(

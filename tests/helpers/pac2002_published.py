@@ -42,17 +42,34 @@ def sgn(x: float) -> float:
     return float((x > 0) - (x < 0))
 
 
-def published(  # noqa: PLR0915 (the formulas of the book, one a line, in its order)
+@dataclass(frozen=True)
+class _At:
+    """Where the tyre is: load [N], its relative change, slips, camber."""
+
+    fz: float
+    fz0: float
+    dfz: float
+    alpha: float
+    kappa: float
+    gamma: float
+
+
+def published(
     p: Mapping[str, float], fz: float, alpha: float, kappa: float = 0.0, gamma: float = 0.0
 ) -> Published:
     """All forces of a tyre; ``p`` holds coefficients, scaling factors, FNOMIN, UNLOADED_RADIUS, PRESSURE."""
-    fz0, r0, dp = p["FNOMIN"] * p["LFZO"], p["UNLOADED_RADIUS"], p["PRESSURE"]
-    dfz = (fz - fz0) / fz0
+    fz0 = p["FNOMIN"] * p["LFZO"]
+    at = _At(fz, fz0, (fz - fz0) / fz0, alpha, kappa, gamma)
+    pure = _longitudinal(p, at) | _lateral(p, at)
+    pure |= _aligning(p, at, pure)
+    return Published(**pure, **_combined(p, at, pure))
 
-    # pure longitudinal
-    gx = gamma * p["LGAX"]
+
+def _longitudinal(p: Mapping[str, float], at: _At) -> dict[str, float]:
+    fz, dfz, dp = at.fz, at.dfz, p["PRESSURE"]
+    gx = at.gamma * p["LGAX"]
     shx = (p["PHX1"] + p["PHX2"] * dfz) * p["LHX"]
-    kx_ = kappa + shx
+    kx_ = at.kappa + shx
     cx = p["PCX1"] * p["LCX"]
     mux = (p["PDX1"] + p["PDX2"] * dfz) * (1 + p["PPX3"] * dp + p["PPX4"] * dp * dp)
     mux *= (1 - p["PDX3"] * gx * gx) * p["LMUX"]
@@ -64,11 +81,14 @@ def published(  # noqa: PLR0915 (the formulas of the book, one a line, in its or
     bx = kx / (cx * dx)
     svx = fz * (p["PVX1"] + p["PVX2"] * dfz) * p["LVX"] * p["LMUX"]
     fx0 = dx * sin(cx * atan(bx * kx_ - ex * (bx * kx_ - atan(bx * kx_)))) + svx
+    return {"fx0": fx0, "kx": kx, "dx": dx, "shx": shx, "svx": svx, "cx": cx}
 
-    # pure lateral
-    gy = gamma * p["LGAY"]
+
+def _lateral(p: Mapping[str, float], at: _At) -> dict[str, float]:
+    fz, fz0, dfz, dp = at.fz, at.fz0, at.dfz, p["PRESSURE"]
+    gy = at.gamma * p["LGAY"]
     shy = (p["PHY1"] + p["PHY2"] * dfz) * p["LHY"] + p["PHY3"] * gy * p["LKG"]
-    ay = alpha + shy
+    ay = at.alpha + shy
     cy = p["PCY1"] * p["LCY"]
     muy = (p["PDY1"] + p["PDY2"] * dfz) * (1 + p["PPY3"] * dp + p["PPY4"] * dp * dp)
     muy *= (1 - p["PDY3"] * gy * gy) * p["LMUY"]
@@ -82,50 +102,61 @@ def published(  # noqa: PLR0915 (the formulas of the book, one a line, in its or
     svy = fz * (p["PVY1"] + p["PVY2"] * dfz) * p["LVY"] * p["LMUY"]
     svy += fz * (p["PVY3"] + p["PVY4"] * dfz) * gy * p["LKG"] * p["LMUY"]
     fy0 = dy * sin(cy * atan(by * ay - ey * (by * ay - atan(by * ay)))) + svy
+    return {"fy0": fy0, "ky": ky, "dy": dy, "shy": shy, "svy": svy, "cy": cy}
 
-    # pure aligning
-    gz = gamma * p["LGAZ"]
-    at = alpha + p["QHZ1"] + p["QHZ2"] * dfz + (p["QHZ3"] + p["QHZ4"] * dfz) * gz
+
+def _moment(
+    p: Mapping[str, float], at: _At, pure: Mapping[str, float], along: float | None = None
+) -> tuple[float, float]:
+    """Trail t [m] and residual moment M_zr [Nm]; ``along`` = K_x/K_y kappa under combined slip."""
+    fz, fz0, dfz, alpha, dp = at.fz, at.fz0, at.dfz, at.alpha, p["PRESSURE"]
+    gz, r0 = at.gamma * p["LGAZ"], p["UNLOADED_RADIUS"]
+    a_t = alpha + p["QHZ1"] + p["QHZ2"] * dfz + (p["QHZ3"] + p["QHZ4"] * dfz) * gz
     bt = (p["QBZ1"] + p["QBZ2"] * dfz + p["QBZ3"] * dfz * dfz) * (1 + p["QBZ4"] * gz + p["QBZ5"] * abs(gz))
     bt *= p["LKY"] / p["LMUY"]
     ct = p["QCZ1"]
     dt = fz * (p["QDZ1"] + p["QDZ2"] * dfz) * (1 - p["QPZ1"] * dp)
     dt *= (1 + p["QDZ3"] * gz + p["QDZ4"] * gz * gz) * r0 / fz0 * p["LTR"]
     et = p["QEZ1"] + p["QEZ2"] * dfz + p["QEZ3"] * dfz * dfz
-    et = min(et * (1 + (p["QEZ4"] + p["QEZ5"] * gz) * 2 / pi * atan(bt * ct * at)), 1.0)
-    ar = alpha + shy + svy / ky
-    br = p["QBZ9"] * p["LKY"] / p["LMUY"] + p["QBZ10"] * by * cy
+    et = min(et * (1 + (p["QEZ4"] + p["QEZ5"] * gz) * 2 / pi * atan(bt * ct * a_t)), 1.0)
+    ar = alpha + pure["shy"] + pure["svy"] / pure["ky"]
+    br = p["QBZ9"] * p["LKY"] / p["LMUY"] + p["QBZ10"] * pure["ky"] / pure["dy"]
     dr = (p["QDZ6"] + p["QDZ7"] * dfz) * p["LRES"]
     dr = fz * (dr + (p["QDZ8"] + p["QDZ9"] * dfz) * (1 + p["QPZ2"] * dp) * gz) * r0 * p["LMUY"]
-    trail = dt * cos(ct * atan(bt * at - et * (bt * at - atan(bt * at)))) * cos(alpha)
-    mz0 = -trail * fy0 + dr * cos(atan(br * ar)) * cos(alpha)
+    te, re = a_t, ar
+    if along is not None:
+        te, re = (atan(sqrt(tan(x) ** 2 + along**2)) * sgn(x) for x in (a_t, ar))
+    trail = dt * cos(ct * atan(bt * te - et * (bt * te - atan(bt * te)))) * cos(alpha)
+    return trail, dr * cos(atan(br * re)) * cos(alpha)
 
-    # combined longitudinal
+
+def _aligning(p: Mapping[str, float], at: _At, pure: Mapping[str, float]) -> dict[str, float]:
+    trail, residual = _moment(p, at, pure)
+    return {"trail": trail, "mz0": -trail * pure["fy0"] + residual}
+
+
+def _combined(p: Mapping[str, float], at: _At, pure: Mapping[str, float]) -> dict[str, float]:
+    alpha, kappa, dfz = at.alpha, at.kappa, at.dfz
+
     bxa = p["RBX1"] * cos(atan(p["RBX2"] * kappa)) * p["LXAL"]
     exa = min(p["REX1"] + p["REX2"] * dfz, 1.0)
-    sxa, as_ = p["RHX1"], alpha + p["RHX1"]
-    above = cos(p["RCX1"] * atan(bxa * as_ - exa * (bxa * as_ - atan(bxa * as_))))
-    g_xa = above / cos(p["RCX1"] * atan(bxa * sxa - exa * (bxa * sxa - atan(bxa * sxa))))
-    fx = g_xa * fx0
+    g_xa = _weight(alpha, p["RHX1"], bxa, p["RCX1"], exa)
+    fx = g_xa * pure["fx0"]
 
-    # combined lateral
     byk = p["RBY1"] * cos(atan(p["RBY2"] * (alpha - p["RBY3"]))) * p["LYKA"]
     eyk = min(p["REY1"] + p["REY2"] * dfz, 1.0)
-    syk = p["RHY1"] + p["RHY2"] * dfz
-    ks = kappa + syk
-    above = cos(p["RCY1"] * atan(byk * ks - eyk * (byk * ks - atan(byk * ks))))
-    g_yk = above / cos(p["RCY1"] * atan(byk * syk - eyk * (byk * syk - atan(byk * syk))))
-    dvyk = muy * fz * (p["RVY1"] + p["RVY2"] * dfz + p["RVY3"] * gamma) * cos(atan(p["RVY4"] * alpha))
+    g_yk = _weight(kappa, p["RHY1"] + p["RHY2"] * dfz, byk, p["RCY1"], eyk)
+    dvyk = pure["dy"] * (p["RVY1"] + p["RVY2"] * dfz + p["RVY3"] * at.gamma) * cos(atan(p["RVY4"] * alpha))
     svyk = dvyk * sin(p["RVY5"] * atan(p["RVY6"] * kappa)) * p["LVYKA"]
-    fy = g_yk * fy0 + svyk
+    fy = g_yk * pure["fy0"] + svyk
 
-    # combined aligning
-    ate = atan(sqrt(tan(at) ** 2 + (kx / ky) ** 2 * kappa**2)) * sgn(at)
-    are = atan(sqrt(tan(ar) ** 2 + (kx / ky) ** 2 * kappa**2)) * sgn(ar)
-    t = dt * cos(ct * atan(bt * ate - et * (bt * ate - atan(bt * ate)))) * cos(alpha)
-    s = p["SSZ1"] + p["SSZ2"] * fy / fz0 + (p["SSZ3"] + p["SSZ4"] * dfz) * gamma
-    mz = -t * (fy - svyk) + dr * cos(atan(br * are)) * cos(alpha) + s * r0 * p["LS"] * fx
+    trail, residual = _moment(p, at, pure, pure["kx"] / pure["ky"] * kappa)
+    s = p["SSZ1"] + p["SSZ2"] * fy / at.fz0 + (p["SSZ3"] + p["SSZ4"] * dfz) * at.gamma
+    mz = -trail * (fy - svyk) + residual + s * p["UNLOADED_RADIUS"] * p["LS"] * fx
+    return {"fx": fx, "fy": fy, "mz": mz, "g_xa": g_xa, "g_yk": g_yk, "svyk": svyk}
 
-    return Published(
-        fx0, fy0, mz0, fx, fy, mz, kx, ky, dx, dy, shx, shy, svx, svy, cx, cy, g_xa, g_yk, svyk, trail
-    )
+
+def _weight(slip: float, shift: float, b: float, c: float, e: float) -> float:
+    """cos(C atan(...)) at the slip moved by the shift, over that at the shift alone."""
+    above, below = (cos(c * atan(b * x - e * (b * x - atan(b * x)))) for x in (slip + shift, shift))
+    return above / below

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ from plane_truck import IMU, REFERENCE_X
 from two_track_written_out import accelerations, in_numbers
 
 from ident.dynamics.axle_groups import AxleGroup
-from ident.dynamics.two_track import FRONT, REAR
+from ident.dynamics.two_track import FRONT, REAR, TANDEM
 from ident.dynamics.tyres import tyre_of
 from ident.errors import NotIdentifiable
+from ident.estimation.tyre_fit import Axles
 from ident.estimation.vehicle_records import MotionRecord
 from ident.report.html import render
 from ident.report.pages.evaluate import evaluate_page
@@ -25,7 +27,7 @@ from ident.stages.evaluate import evaluate
 from ident.stages.evaluate_settings import EvaluateSettings
 from ident.stages.inputs import InputSettings, SplitSettings
 from ident.stages.output import Context, StageOutput
-from ident.stages.two_track_model import chassis_of, groups_of, two_track_candidate
+from ident.stages.two_track_model import chassis_of, groups_of, two_track_candidate, two_track_fit
 from ident.stages.tyre_settings import TyresSettings
 from ident.stages.tyres import tyres
 from ident.vehicle import AxlesOfGroup, Vehicle
@@ -118,6 +120,23 @@ def test_what_the_vehicle_file_states_is_taken(fitted: TyresResult) -> None:
     wanted |= {"ackermann_share": 0.0, "load_sensitivity": 0.1, "steering_offset": 0.004}
     assert wanted.items() <= candidate.parameters.items()
     assert candidate.engine.name == "two_track_linear_1_linear_3"  # type: ignore[attr-defined]
+
+
+def test_the_groups_of_the_vehicle_file_are_those_of_the_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = {}
+
+    def none(found: object, chassis: dict[str, float], *, groups: object, floor: object) -> None:
+        asked.update(chassis, groups=groups)
+        raise ValueError("the model blows up")
+
+    monkeypatch.setattr(two_track_model, "fit_two_track", none)
+    tandem = replace(VEHICLE, axles={"rear": AxlesOfGroup(2, 1.35)})
+    data = SimpleNamespace(vehicle=tandem, floor=None)
+    found = {"linear": SimpleNamespace(axles=Axles(LINEAR["front"], LINEAR["rear"]))}
+    with pytest.raises(NotIdentifiable, match="the model blows up"):
+        two_track_fit(data, found, "linear")  # type: ignore[arg-type]
+    assert asked["groups"] == (FRONT, TANDEM)
+    assert (asked["rear_spacing"], asked["rear_track"]) == (1.35, 2.05)
 
 
 @pytest.mark.parametrize(

@@ -198,7 +198,7 @@ def _read_part(file: PropertyFile, part: Part, values: dict[str, float]) -> str:
     zero = [name for name in NOT_ZERO.get(part, "").split() if values[name] == 0]
     if zero:
         return f"{zero[0]} is 0, need another value"
-    if part.startswith("combined") and (file.text("FE_METHOD") or "").upper() == "YES":
+    if part.startswith("combined") and _wants_ellipse(file):
         return "FE_METHOD = 'YES' asks for the friction ellipse, which is not modelled"
     return ""
 
@@ -241,7 +241,11 @@ def _left_out(file: PropertyFile) -> tuple[str, ...]:
         there = [name for name in names.split() if file.number(name)]
         if there:
             lines.append(f"{what} ({', '.join(there[:4])}{', ...' if len(there) > 4 else ''})")
-    return tuple(lines)
+    return (*lines, *(["friction ellipse for combined slip (FE_METHOD)"] if _wants_ellipse(file) else []))
+
+
+def _wants_ellipse(file: PropertyFile) -> bool:
+    return (file.text("FE_METHOD") or "").upper() == "YES"
 
 
 def _number(value: float) -> Expr:
