@@ -32,7 +32,7 @@ import tempfile
 import time
 import traceback
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import IO, Any, NoReturn
 
@@ -66,7 +66,7 @@ def run_batch(kind: str, numbers: Sequence[int], found: Path = FOUND) -> Row:
     with tempfile.TemporaryDirectory(prefix="fuzz-", dir=_memory()) as name:
         folder = Path(name)
         files = [seed.files for seed in seeds(kind, folder)]
-        for number, end in _ends(kind, numbers, files, folder):
+        for number, end in read_apart(kind, numbers, lambda n: mutation(n, kind, files)[1], folder, files):
             ends[end if end in FINE else "defect"] += 1
             if end not in FINE:
                 done, bad = mutation(number, kind, files)
@@ -90,10 +90,24 @@ def _keep(found: Path, name: str, files: Files) -> None:
         (folder / each.replace("/", ".")).write_bytes(data)
 
 
-def _ends(
-    kind: str, numbers: Sequence[int], files: Sequence[Files], folder: Path
+def read_apart(
+    kind: str,
+    numbers: Sequence[int],
+    case: Callable[[int], Files],
+    folder: Path,
+    sound: Sequence[Files] = (),
 ) -> Iterator[tuple[int, str]]:
-    """Yield each number with how it ended; a process that dies is followed by another."""
+    """Read files in processes of their own, one after another; one that dies is followed by another.
+
+    Parameters
+    ----------
+    case : makes the files of a number
+    folder : to read them in; sound : files that are read first, so that what is kept of them is not counted
+
+    Yields
+    ------
+    Each number with how it ended: one of ``FINE``, or what is wrong.
+    """
     left = list(numbers)
     while left:
         reading, writing = os.pipe()
@@ -101,7 +115,7 @@ def _ends(
         if process == 0:
             os.close(reading)
             with os.fdopen(writing, "w") as out:
-                _read_all(kind, left, files, folder, out)
+                _read_all(kind, map(case, left), sound, folder, out)
         os.close(writing)
         with os.fdopen(reading) as answers:
             late = False
@@ -140,18 +154,18 @@ def _death(status: int, folder: Path) -> str:
 
 
 def _read_all(
-    kind: str, numbers: Sequence[int], files: Sequence[Files], folder: Path, out: IO[str]
+    kind: str, cases: Iterable[Files], sound: Sequence[Files], folder: Path, out: IO[str]
 ) -> NoReturn:
-    """In a process of its own: read mutations until one takes too much memory."""
+    """Read files until some take too much memory, and end the process."""
     trace = folder.with_suffix(".trace").open("w")
     faulthandler.enable(trace)
     faulthandler.register(signal.SIGPROF, trace, all_threads=True, chain=True)
     _limit_memory()
     place = folder / "read"
-    for each in files:  # what is kept for good, such as the standard types, is not held against a mutation
+    tempfile.tempdir = str(folder)
+    for each in sound:  # what is kept for good, such as the standard types, is not held against a mutation
         _end_of(kind, each, place)
-    for number in numbers:
-        _, damaged = mutation(number, kind, files)
+    for damaged in cases:
         _reset_peak()
         held = _peak()
         signal.setitimer(signal.ITIMER_PROF, CPU_CAP)

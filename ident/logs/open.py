@@ -124,7 +124,7 @@ class _UnpackedFile:
         self.channels = storage.channels
         self._storage = storage
         self._problems = problems
-        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self._remove = weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
 
     @property
     def damage(self) -> list[Damage]:
@@ -148,8 +148,9 @@ class _UnpackedFile:
         self._storage.check()
 
     def close(self) -> None:
-        """Close what was unpacked; the folder goes with this object."""
+        """Remove what was unpacked."""
         self._storage.close()
+        self._remove()
 
 
 __all__ = ["first_bytes", "open_log", "open_storage", "storage_files"]

@@ -20,11 +20,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import zstandard
+from cdr_writer import Writer
 from log_files import START, TYPES, angles, imu, new, plain, velocity, write_bag, write_mcap
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from type_trees import EXTENSIBILITIES, Arr, Choice, Field, Num, Rec, Seq, Str, as_idl
 
 IDL = (
     "module truck { @final struct Angle { string<20> frame; double angle; @key octet side; }; "
@@ -319,6 +321,8 @@ def struct_object(name: str) -> bytes:
 def definition_seeds(_: Path) -> Iterator[Seed]:
     """Texts of types, and type objects; the name of the file says which."""
     yield Seed("idl", {"idl": IDL.encode()})
+    for kind, (root, _) in wheels().items():
+        yield Seed(f"idl, {kind}", {"idl": as_idl(root).encode()})
     yield Seed("ros2msg", {"ros2msg": ROS2.encode()})
     yield Seed("ros1msg", {"ros1msg": ROS1.encode()})
     yield Seed("type object", {"type object": struct_object("truck::Angle")})
@@ -331,10 +335,38 @@ def cdr_seeds(_: Path) -> Iterator[Seed]:
     for kind, each in {each.kind: each for each in messages()}.items():
         yield Seed(kind, {kind: each.data})
     yield Seed("truck::State", {"truck::State": contents_of_state()})
+    for kind, (root, value) in wheels().items():
+        for version, order in ((1, "<"), (1, ">"), (2, "<")):
+            data = Writer(version, order, short=kind == "final").message(root, value)
+            yield Seed(f"{kind}, XCDR{version}{order}", {root.name: data})
+
+
+def wheels() -> dict[str, tuple[Rec, dict]]:
+    """A struct of each extensibility, with optional members, enums and what is nested; and a value of it."""
+    found = {}
+    for kind in EXTENSIBILITIES:
+        inner = Rec("Inner", kind, (Field("a", Num("octet")), Field("b", Num("double"))))
+        fields = (
+            *(
+                Field("gear", Choice(8)),
+                Field("name", Str(), optional=True),
+                Field("away", Num("long"), True),
+            ),
+            *(
+                Field("many", Seq(inner)),
+                Field("enums", Arr(Arr(Choice(32), 2), 2)),
+                Field("x", Num("double")),
+            ),
+        )
+        value = {"gear": 2, "name": "left", "away": None, "many": [{"a": 1, "b": 0.5}] * 2}
+        found[kind] = (Rec(f"Wheel_{kind}", kind, fields), {**value, "enums": [[1, 2], [3, 0]], "x": 1.5})
+    return found
 
 
 def definition_of(kind: str) -> tuple[str, str]:
     """Format and text of the definition of a type of the messages."""
+    if kind.startswith("Wheel_"):
+        return "omgidl", as_idl(wheels()[kind.removeprefix("Wheel_")][0])
     if kind.startswith("truck::"):
         return "omgidl", IDL
     return "ros2msg", TYPES.generate_msgdef(kind, ros_version=2)[0]
