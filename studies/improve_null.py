@@ -13,9 +13,9 @@ for trucks of odd number, of ``FEW`` for the others. Kinds:
 * actuator: request and measured angle of another truck, the layer before the motion; its fits share nothing.
 
 Every other fit begins from parameters that are wrong by 20 to 50 %. One fit of a truck gives all of its sets
-but those with gusts a start and the colour of the noise; from there each set is fitted, scored along
-directions of its own, and tested as the loop does. One set in ``AGAIN`` is fitted from the wrong start as
-well, its noise identified anew: both p-values are told.
+but those with gusts a start and the colour of the noise, that of the inputs among it; from there each set is
+fitted, scored along directions of its own, and tested as the loop does. One set in ``AGAIN`` is fitted from
+the wrong start as well, its noise identified anew: both p-values are told.
 """
 
 from __future__ import annotations
@@ -64,6 +64,7 @@ LEVEL, DRAWS = 0.05, 999
 ITERATIONS = 10
 GUSTS = 500.0  # [N]
 WRONG = (0.2, 0.5)  # by which the start is, up or down
+AT_ONCE = 50  # sets
 AGAIN = 25  # one set in so many is fitted from the wrong start as well
 MOST_ALLOWED = 111  # of 2,000
 
@@ -90,7 +91,8 @@ def coloured(truth: Truth, seed: int) -> Truth:
     def sensor(one: Sensor) -> Sensor:
         return replace(one, channels={name: other(channel) for name, channel in one.channels.items()})
 
-    return replace(truth, imu=sensor(truth.imu), odometry=sensor(truth.odometry))
+    others = {name: sensor(getattr(truth, name)) for name in ("imu", "odometry", "velocity")}
+    return replace(truth, **others)
 
 
 def wrong_start(data: TyreData, seed: int) -> dict[str, float]:
@@ -117,7 +119,9 @@ def cells(kinds: Sequence[str], sets: int) -> Iterator[list[Any]]:
     for number in range(1, max(TRUCKS.values()) + 1):
         for kind in kinds:
             if number <= TRUCKS[kind]:
-                yield [kind, number, 1, 2 if kind == "gusts" else sets + 1]
+                last = 2 if kind == "gusts" else sets + 1
+                for begin in range(1, last, AT_ONCE):
+                    yield [kind, number, begin, min(begin + AT_ONCE, last)]
 
 
 def one_cell(cell: Sequence[Any]) -> Iterable[Row]:
@@ -127,13 +131,14 @@ def one_cell(cell: Sequence[Any]) -> Iterable[Row]:
     if kind == "actuator":
         return [_of_actuator(drive, number, noise) for noise in range(begin, end)]
     fit = fitted(drive, noise_seed(kind, number, 0), number)
+    known = fit.scores()
     if kind == "gusts":
-        return [_tested(fit.scores(), number, begin)]
+        return [_tested(known, number, begin)]
     rows = []
     for noise in range(begin, end):
         seed = noise_seed(kind, number, noise)
         layer = motion_layer(motion_data(measured(drive, seed), drive.truth), fit.parameters)
-        rows.append(_tested(refitted(fit, layer).scores(), number, noise))
+        rows.append(_tested(scores_of(refitted(fit, layer), known), number, noise))
         if noise % AGAIN == 0:
             again = _tested(fitted(drive, seed, number).scores(), number, noise)
             rows[-1]["again"] = again["p"]
@@ -156,6 +161,11 @@ def refitted(fit: MotionFit, layer: MotionLayer) -> MotionFit:
     problem, known = layer.problem(()), fit.point
     begin = VehiclePoint(problem, known.shared, known.of_runs, problem.initial_local, known.noise)
     return MotionFit(layer, (), minimise(begin, ITERATIONS, negligible=NEGLIGIBLE)[0])
+
+
+def scores_of(fit: MotionFit, known: LayerScores) -> LayerScores:
+    """Score a fit along its own directions, with the colour by the noise of the inputs that is known."""
+    return replace(fit.directions(noises=()).scores(), colour=known.colour)
 
 
 def _tested(scores: LayerScores, number: int, noise: int) -> Row:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.dynamics.effects.catalogue import CATALOGUE
+from ident.estimation.input_noise import InputNoise
 from ident.estimation.layer import LayerFit, LayerScores, Likelihood
 from ident.estimation.motion_effects import (
     MotionEffect,
@@ -88,10 +90,14 @@ class MotionFit:
         """See :class:`~ident.estimation.layer.LayerFit`."""
         return self.directions().scores()
 
-    def directions(self) -> MotionDirections:
-        """What is looked for at this fit; of use for other measurements of the same runs, too."""
+    def directions(self, noises: Sequence[InputNoise] | None = None) -> MotionDirections:
+        """What is looked for at this fit; of use for other measurements of the same runs, too.
+
+        noises : of the inputs; those of the layer unless given
+        """
         candidates = [one for key, one in self.layer.effects.items() if key not in self.keys]
-        return motion_directions(self.point, self.projection, candidates, self.layer.body)
+        noises = self.layer.input_noise if noises is None else noises
+        return motion_directions(self.point, self.projection, candidates, self.layer.body, noises)
 
     def likelihood(self, like: LayerFit | None = None) -> Likelihood:
         """See :class:`~ident.estimation.layer.LayerFit`."""

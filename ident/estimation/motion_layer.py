@@ -14,7 +14,6 @@ from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
 from ident.dynamics.bicycle import bicycle
 from ident.dynamics.effects import ROAD_BANK, STEERING_OFFSET
@@ -22,6 +21,7 @@ from ident.dynamics.effects.load_transfer import HEIGHT
 from ident.dynamics.effects.probes import PROBES
 from ident.dynamics.effects.tyre_relaxation import LENGTH, shortest_length
 from ident.dynamics.engine import Engine, compiled
+from ident.estimation.input_noise import InputNoise, input_noise, with_smooth_inputs
 from ident.estimation.layer import SIZE, DoesNotFit, EffectCard, HeldOut, LayerFit, Likelihood
 from ident.estimation.motion_basis import pushed_by, trajectory_of
 from ident.estimation.motion_effects import (
@@ -63,7 +63,6 @@ PARTS_ORDER = (
     "body_roll",
 )
 MOST_STARTS = 6
-OF_SPEED, OF_ANGLE = (0.5, 3), (0.3, 5)  # [s], order: how the inputs are smoothed
 FARTHEST = float(np.log(3.0))  # of the logarithm of the yaw inertia: beyond, it stands in for something else
 
 
@@ -71,27 +70,6 @@ def engine_of(effects: Sequence[MotionEffect], kind: str = KIND) -> Engine:
     """The compiled bicycle with these effects; probes stand last."""
     parts = sorted((part for one in effects for part in one.parts), key=lambda p: PARTS_ORDER.index(p.name))
     return compiled(bicycle(kind, kind, (STEERING_OFFSET, ROAD_BANK, *parts, PROBES)))
-
-
-def with_smooth_inputs(record: MotionRecord) -> MotionRecord:
-    """Local polynomials through the speed and the steering angle: no truck's change faster.
-
-    Of a steering angle of 2 Hz 99.9 % pass, and a third of the noise (Savitzky and Golay 1964).
-
-    The noise of an input is no noise of a measured signal. That of the speed is felt at a crawl: at 2 m/s it
-    moves slip angles as much as a lag of the tyres does. That of the angle carries a play from end to end,
-    which then seems wider, and stands in the residuals as well as in what they are compared with.
-    """
-    return replace(
-        record,
-        speed=_smoothed(record.speed, record.period, *OF_SPEED),
-        road_wheel_angle=_smoothed(record.road_wheel_angle, record.period, *OF_ANGLE),
-    )
-
-
-def _smoothed(values: Array, period: float, span: float, order: int) -> Array:
-    count = 2 * round(span / period / 2) + 1
-    return savgol_filter(values, count, order) if order < count <= values.size else values
 
 
 @dataclass(frozen=True)
@@ -122,6 +100,11 @@ class MotionLayer:
         """Windows of the fit, each with room for late sensors."""
         records = [with_smooth_inputs(record) for record in self.records]
         return Windows([part for record in records for part in cut(record, WINDOW, LEAD)])
+
+    @cached_property
+    def input_noise(self) -> list[InputNoise]:
+        """What is left in the inputs of the windows."""
+        return input_noise(self.records)
 
     @cached_property
     def effects(self) -> dict[str, MotionEffect]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ident.dynamics.driver_text import UPSTREAM
 from ident.estimation.elimination import eliminate, inverse_of
+from ident.estimation.input_noise import DrawnNoise, InputNoise
 from ident.estimation.layer import BIN
 from ident.estimation.noise import Linearised
 from ident.estimation.vehicle_inputs import Probe
@@ -26,6 +27,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 TAKEN_UP = 1e-6  # of its squared length: a direction of which less is left is one of the fit itself
+OF_A_KIND, OF_ALL, SEED = 16, 48, 0  # draws of the noise of the inputs
 FAINT = 1e-8  # of the largest: a direction of the shared parameters that the data do not hold
 
 
@@ -124,6 +126,27 @@ class Projection:
         for own in rows:
             own[:, gone] = 0.0
         return Directions(self, rows, gram, energy)
+
+    def of_input_noise(self, noises: Sequence[InputNoise]) -> DrawnNoise:
+        """What each kind of noise of the inputs does by itself, freed of what the fit takes up."""
+        windows = self.point.problem.windows
+        probes = [
+            Probe(inputs={one.name: values})
+            for one in noises
+            for values in one.drawn(windows, OF_A_KIND, SEED).T
+        ]
+        kind = np.repeat(np.arange(1, len(noises) + 1), OF_A_KIND)
+        return DrawnNoise(kind, self._freed(self._whitened(probes)))
+
+    def of_all_input_noise(self, noises: Sequence[InputNoise], variances: Array) -> DrawnNoise:
+        """What all kinds do together, each with its variance in units of its draws; freed likewise."""
+        windows = self.point.problem.windows
+        total = {one.name: np.zeros((windows.times.size, OF_ALL)) for one in noises}
+        for one, variance in zip(noises, variances, strict=True):
+            if variance > 0:
+                total[one.name] += np.sqrt(variance) * one.drawn(windows, OF_ALL, SEED + 1)
+        probes = [Probe(inputs={name: v[:, number] for name, v in total.items()}) for number in range(OF_ALL)]
+        return DrawnNoise(np.ones(OF_ALL, dtype=np.intp), self._freed(self._whitened(probes)))
 
     def residuals(self, point: VehiclePoint | None = None) -> list[Array]:
         """(n,) of each window: whitened residual, freed of what the fit takes up.
@@ -242,6 +265,14 @@ class Directions:
     rows: Sequence[Array]
     gram: Array
     energy: Array
+
+    def colour(self, noises: Sequence[InputNoise]) -> Array:
+        """(c,) variance of scores over that under white residuals, by the noise of the inputs."""
+        if not noises:
+            return np.ones(len(self.gram))
+        known = self.projection.of_input_noise(noises).variances(self.projection.residuals())
+        drawn = self.projection.of_all_input_noise(noises, known[1:])
+        return np.maximum(drawn.colour(self.rows, np.array([known[0], 1.0])), 1.0)
 
     def scores(self, residuals: Sequence[Array]) -> Array:
         """(b, c) sum over each bin of direction times residual, which is (n,) in each window."""

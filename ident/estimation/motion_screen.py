@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ident.dynamics.constants import GRAVITY
 from ident.dynamics.effects.first_order import Trajectory as AlongTrajectory
 from ident.dynamics.effects.first_order import first_order, rate_of
+from ident.estimation.input_noise import InputNoise
 from ident.estimation.layer import Group, LayerScores, Shape
 from ident.estimation.motion_basis import (
     EQUATIONS,
@@ -74,12 +75,13 @@ class _Collected:
 class MotionDirections:
     """What is looked for at a fit: directions of effects and of the generic basis.
 
-    activity : (b, a) see :class:`~ident.estimation.layer.LayerScores`
+    activity : (b, a), colour : (c,) see :class:`~ident.estimation.layer.LayerScores`
     """
 
     directions: Directions
     groups: tuple[Group, ...]
     activity: Array
+    colour: Array
 
     def scores(self, point: VehiclePoint | None = None) -> LayerScores:
         """Scores of the fit, or of other measurements (:meth:`Projection.residuals`) to first order."""
@@ -99,11 +101,16 @@ class MotionDirections:
             signals=tuple(projection.point.residuals),
             activities=ACTIVITIES,
             groups=self.groups,
+            colour=self.colour,
         )
 
 
 def motion_directions(
-    point: VehiclePoint, projection: Projection, candidates: Sequence[MotionEffect], body: Body
+    point: VehiclePoint,
+    projection: Projection,
+    candidates: Sequence[MotionEffect],
+    body: Body,
+    noises: Sequence[InputNoise] = (),
 ) -> MotionDirections:
     """Directions at a fit.
 
@@ -111,6 +118,7 @@ def motion_directions(
     ----------
     point, projection : the fit, and what it takes up
     candidates : effects that are not in it
+    noises : of the inputs
     """
     path = trajectory_of(point)
     windows = point.problem.windows
@@ -123,7 +131,8 @@ def motion_directions(
     columns = [projection.mean(values**2) for values in activity]
     columns.append(projection.mean(np.abs(path["longitudinal_velocity"])))
     directions = projection.directions(made.probes, made.matrix)
-    return MotionDirections(directions, tuple(made.groups), np.column_stack(columns))
+    colour = directions.colour(noises)
+    return MotionDirections(directions, tuple(made.groups), np.column_stack(columns), colour)
 
 
 def _of_effect(

@@ -12,6 +12,7 @@ from improve_null import (
     limits,
     noise_seed,
     refitted,
+    scores_of,
     summary,
     wrong_start,
 )
@@ -50,6 +51,16 @@ def test_another_noise_from_a_fit_on_scores_as_in_a_fit_of_its_own(drive, fit):
     assert np.median(np.abs(own)) > 0.4
     assert np.median(np.abs(near - own)) < 0.05
     assert np.quantile(np.abs(near - own), 0.95) < 0.3
+
+
+def test_the_noise_of_the_inputs_is_taken_from_another_noise_of_the_same_truck(drive, fit):
+    known = fit.scores()
+    own = refitted(fit, layer_of(drive, 11, fit.parameters))
+    shared, whole = scores_of(own, known), own.scores()
+    assert np.array_equal(shared.scores, whole.scores)
+    assert shared.colour is known.colour
+    assert np.median(known.colour) > 1.05, "the speed of this truck is noisy"
+    assert np.median(np.abs(np.log(whole.colour / shared.colour))) < 0.35
 
 
 def test_the_gate_fires_on_a_small_bias_of_the_gyro_and_not_without_it(drive, fit):
