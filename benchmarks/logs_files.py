@@ -192,6 +192,8 @@ CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NU
     serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL);
 CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL,
     data BLOB NOT NULL);
+CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT NOT NULL, encoding TEXT NOT NULL,
+    encoded_message_definition TEXT NOT NULL, type_description_hash TEXT NOT NULL);
 CREATE INDEX timestamp_idx ON messages (timestamp ASC);
 """
 
@@ -204,6 +206,10 @@ def write_sqlite(folder: Path, minutes: float) -> None:
         database.executescript("PRAGMA journal_mode=OFF; PRAGMA synchronous=OFF;" + _SQLITE)
         topics = [(n + 1, s.topic, s.kind, "cdr", "") for n, s in enumerate(STREAMS)]
         database.executemany("INSERT INTO topics VALUES (?, ?, ?, ?, ?)", topics)
+        kinds = dict.fromkeys(stream.kind for stream in STREAMS)
+        texts = [(kind, "ros2msg", TYPES.generate_msgdef(kind, ros_version=2)[0], "") for kind in kinds]
+        columns = "topic_type, encoding, encoded_message_definition, type_description_hash"
+        database.executemany(f"INSERT INTO message_definitions({columns}) VALUES (?, ?, ?, ?)", texts)  # noqa: S608
         rows = ((number + 1, time, data) for time, number, data in messages(minutes))
         database.executemany("INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)", rows)
         database.commit()

@@ -9,7 +9,9 @@ leaves out. Where one does not agree, all chunks are unpacked and their messages
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -141,14 +143,23 @@ class ChunkedStorage:
 
     def check(self) -> None:
         """Look at every chunk that was not looked at yet, so that all damage is known."""
-        with Source(self.path) as source:
-            for found in self._unpacked(source, [c for c in self._chunks if not c.looked], []):
+        left = [chunk for chunk in self._chunks if not chunk.looked]
+        with Source(self.path) as source, closing(self._unpacked(source, left, [])) as unpacked:
+            for found in unpacked:
                 self._settle(found)
 
     @property
     def unseen(self) -> tuple[int, int]:
         """How many chunks were not looked at, of how many."""
         return sum(not chunk.looked for chunk in self._chunks), len(self._chunks)
+
+    def _counts(self) -> dict[int, int]:
+        """How many messages each channel has, by its number, as far as is known."""
+        counts = Counter({number: len(each.times) for number, each in self._loose.items()})
+        for chunk in self._chunks:
+            for number, entries in chunk.entries.items():
+                counts[number] += len(entries)
+        return dict(counts)
 
     def _settle(self, found: _Unpacked) -> bool:
         """Keep what a chunk was found to hold; return whether its index told the truth."""
@@ -178,14 +189,15 @@ class ChunkedStorage:
 
     def _unpacked(
         self, source: Source, chunks: Sequence[Chunk], wanted: Sequence[Sequence[int]]
-    ) -> Iterator[_Unpacked]:
+    ) -> Generator[_Unpacked]:
         """Unpack chunks in threads; pick the messages of these channels, each with its numbers."""
 
         def work(job: Sequence[Chunk]) -> list[_Unpacked]:
             return [self._unpack_one(source, chunk, wanted) for chunk in job]
 
-        for done in in_order(work, _grouped(chunks)):
-            yield from done
+        with closing(in_order(work, _grouped(chunks))) as found:
+            for done in found:
+                yield from done
 
     def _unpack_one(self, source: Source, chunk: Chunk, wanted: Sequence[Sequence[int]]) -> _Unpacked:
         try:
@@ -247,13 +259,15 @@ class ChunkedStorage:
                 for begin, part in self._loose_parts(each, with_data=source)
             ]
             loose.sort(key=lambda each: each[0])
-            for found in self._unpacked(source, chunks, wanted):
-                while loose and loose[0][0] < found.chunk.offset:
-                    yield loose.pop(0)[1:]
-                if not self._settle(found):
-                    self.check()
-                    raise IndexLied
-                yield from found.parts
+            # The threads must have ended before the file is closed, also where nobody reads to the end.
+            with closing(self._unpacked(source, chunks, wanted)) as unpacked:
+                for found in unpacked:
+                    while loose and loose[0][0] < found.chunk.offset:
+                        yield loose.pop(0)[1:]
+                    if not self._settle(found):
+                        self.check()
+                        raise IndexLied
+                    yield from found.parts
             for _, key, part in loose:
                 yield key, part
 
@@ -273,6 +287,39 @@ class ChunkedStorage:
             if with_data is not None:
                 block = read_slices(with_data, begins[rows], sizes[rows])
             yield int(begins[rows[0]]), Part(times[rows], published[rows], sizes[rows], block)
+
+
+# --- contents by an index -------------------------------------------------------------------------
+
+Others = list[tuple[int, bytes]]
+
+
+def only_between(
+    data: Buffer, begins: Times, ends: Times, others: Callable[[Buffer, int, int], Others | None]
+) -> Others | None:
+    """Return the other records between these messages, which fill a chunk; None where anything else does.
+
+    Parameters
+    ----------
+    others : reads the records that fill the data from here to there, None where that is not so
+    """
+    order = np.argsort(begins, kind="stable")
+    begins, ends = begins[order], ends[order]
+    found: Others = []
+    gaps = np.flatnonzero(begins[1:] != ends[:-1])
+    edges = [(0, begins[0]), *zip(ends[gaps], begins[gaps + 1], strict=True), (ends[-1], len(data))]
+    for start, stop in edges:
+        between = others(data, int(start), int(stop)) if start <= stop else None
+        if between is None:
+            return None
+        found += between
+    return found
+
+
+def in_file_order(offsets: Times, bounds: Mapping[int, tuple[int, int]]) -> bool:
+    """Whether the messages of each channel are in the order of the file."""
+    falls = np.flatnonzero(offsets[1:] <= offsets[:-1]) + 1
+    return not len(falls) or set(falls.tolist()) <= {first for first, _ in bounds.values()}
 
 
 # --- helpers --------------------------------------------------------------------------------------

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections import Counter
 from pathlib import Path
 
 from ident.errors import UnusableLog
@@ -145,14 +144,6 @@ class McapStorage(ChunkedStorage):
         known = all(head[0] in self._schemas or not head[0] for head in self._heads.values())
         channels, messages = self._counted.channels, self._counted.messages
         return known and channels == len(self._heads) and self._counts() == messages
-
-    def _counts(self) -> dict[int, int]:
-        """How many messages each channel has, as far as is known."""
-        counts: Counter[int] = Counter({number: len(each.times) for number, each in self._loose.items()})
-        for chunk in self._chunks:
-            for number, entries in chunk.entries.items():
-                counts[number] += len(entries)
-        return dict(counts)
 
     def _resolve_channels(self) -> list[Channel]:
         found: dict[tuple[str, str, str], Channel] = {}

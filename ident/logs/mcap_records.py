@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.logs.chunks import Contents
+from ident.logs.chunks import Contents, in_file_order, only_between
 from ident.logs.compression import Buffer
 from ident.logs.payloads import equal_slices
 from ident.logs.record import Times
@@ -261,42 +261,27 @@ def indexed_contents(data: Buffer, entries: Mapping[int, Times]) -> Contents | N
     true &= (lengths >= _MESSAGE_HEAD.size) & (ends <= len(data)) & (listed[:, 0] >= 0)
     if not true.all():
         return None
-    order = np.argsort(offsets, kind="stable")
-    others = _between(data, offsets[order], ends[order])
-    if others is None:
-        return None
     bounds: dict[int, tuple[int, int]] = {}
     first = 0
     for number, count in zip(entries, counts, strict=True):
         bounds[number] = (first, first + count)
         first += count
-    if not _rising(offsets, counts):
+    others = only_between(data, offsets, ends, _others)
+    if others is None or not in_file_order(offsets, bounds):
         return None
     return _contents(bounds, heads, offsets, others, as_indexed=True)
 
 
-def _rising(offsets: Times, counts: Sequence[int]) -> bool:
-    """Whether the entries of each channel are in the order of the file."""
-    falls = np.flatnonzero(offsets[1:] <= offsets[:-1]) + 1
-    return not len(falls) or bool(np.isin(falls, np.cumsum(counts)).all())
-
-
-def _between(data: Buffer, begins: Times, ends: Times) -> list[tuple[int, bytes]] | None:
-    """Return the records between the messages; None where there is anything else."""
-    edges = np.empty(len(begins) + 1, np.int64)
-    edges[0], edges[1:] = 0, ends
-    gaps = np.flatnonzero(edges[:-1] != begins).tolist()
-    others = []
-    for start, stop in [*((int(edges[k]), int(begins[k])) for k in gaps), (int(edges[-1]), len(data))]:
-        position = start
-        for opcode, begin, end in inner_records(data[start:stop]) if stop > start else ():
-            if opcode == MESSAGE:
-                return None
-            others.append((opcode, bytes(data[start + begin : start + end])))
-            position = start + end
-        if position != stop and stop != len(data):
+def _others(data: Buffer, start: int, stop: int) -> list[tuple[int, bytes]] | None:
+    """Return the records that fill this gap between messages; None where there is anything else."""
+    found = []
+    position = start
+    for opcode, begin, end in inner_records(data[start:stop]):
+        if opcode == MESSAGE:
             return None
-    return others
+        found.append((opcode, bytes(data[start + begin : start + end])))
+        position = start + end
+    return found if position == stop or stop == len(data) else None
 
 
 def walked_contents(data: Buffer, entries: Mapping[int, Times]) -> Contents:

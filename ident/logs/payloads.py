@@ -34,9 +34,9 @@ class Payloads(Sequence[bytes | None]):
         """Put messages into one block, unless they are in one."""
         if isinstance(messages, Payloads):
             return messages
-        sizes = [LOST if data is None else len(data) for data in messages]
-        block = b"".join(data for data in messages if data is not None)
-        return cls(np.frombuffer(block, np.uint8), np.array(sizes, dtype=np.int64))
+        sizes = np.array([LOST if data is None else len(data) for data in messages], dtype=np.int64)
+        block = b"".join(messages if (sizes >= 0).all() else filter(None, messages))  # type: ignore[arg-type]
+        return cls(np.frombuffer(block, np.uint8), sizes)
 
     def __len__(self) -> int:
         return len(self.sizes)
@@ -64,6 +64,11 @@ class Payloads(Sequence[bytes | None]):
         present = self.present
         return self if present.all() else Payloads(self.block, self.sizes[present])
 
+    def rows(self, chosen: NDArray[np.intp]) -> Payloads:
+        """Copy these messages."""
+        sizes = self.sizes[chosen]
+        return Payloads(slices(self.block, self.begins[chosen], np.maximum(sizes, 0)), sizes)
+
     def table(self, rows: NDArray[np.intp]) -> Bytes:
         """Bytes of messages of one size, (rows, size)."""
         size = int(self.sizes[rows[0]])
@@ -73,12 +78,11 @@ class Payloads(Sequence[bytes | None]):
         return equal_slices(self.block, self.begins[rows], size)
 
     def begin_with(self, head: bytes) -> NDArray[np.bool_]:
-        """(n,) whether a message begins with these bytes."""
+        """(n,) whether a message begins with these 4 bytes."""
         found = np.zeros(len(self), dtype=np.bool_)
-        long = np.flatnonzero(self.sizes >= len(head))
-        if len(long):
-            heads = equal_slices(self.block, self.begins[long], len(head))
-            found[long] = np.all(heads == np.frombuffer(head, np.uint8), axis=1)
+        long = self.sizes >= len(head)
+        heads = equal_slices(self.block, self.begins[long], len(head))
+        found[long] = heads.view("<u4")[:, 0] == int.from_bytes(head, "little")
         return found
 
 

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import sqlite3
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
 from ident.errors import UnusableLog
 from ident.logs.damage import Loss, summarise
-from ident.logs.record import Channel, ChannelByChannel, Stored, Times
-from ident.logs.sqlite_file import UNREADABLE, SqliteFile, walk_rows
+from ident.logs.payloads import Payloads
+from ident.logs.record import Channel, Stored, Times, join_stored
+from ident.logs.sqlite_file import FIRST_ROW, UNREADABLE, SqliteFile, walk_rows
 from ident.results import Damage
 
+MOST_ROWS = 50_000
+ONE_BY_ONE = 64
+PIECE_BYTES = 8 << 20
 
-class SqliteStorage(ChannelByChannel):
+
+class SqliteStorage:
     """One .db3 file (see ``ident.logs.record.Storage``)."""
 
     format = "rosbag2 sqlite3"
@@ -40,10 +46,24 @@ class SqliteStorage(ChannelByChannel):
 
     def messages(self, channel: Channel) -> Stored:
         """Read the messages of a channel, in the order in which they were recorded."""
-        rows = self._rows_of(channel)[:, 0]
+        return join_stored([stored for _, stored in self.pieces([channel])])
+
+    def pieces(self, channels: Sequence[Channel]) -> Iterator[tuple[Channel, Stored]]:
+        """Read the messages of several channels in one pass, each in the order of recording, bit by bit."""
+        numbers = [self._numbers.get(id(channel), []) for channel in channels]
+        rows = self._rows[np.isin(self._rows[:, 1], [number for each in numbers for number in each])]
+        first = 0
         with closing(self._file.connect()) as database:
-            found = dict(_read_data(database, rows.tolist()))
-        return Stored(self.times(channel), [found.get(row) for row in rows.tolist()])
+            for block in _blocks(database, rows):
+                part = rows[first : first + len(block)]
+                first += len(block)
+                for channel, own in zip(channels, numbers, strict=True):
+                    chosen = np.flatnonzero(np.isin(part[:, 1], own))
+                    if len(chosen):
+                        yield channel, Stored(part[chosen, 2], block.rows(chosen))
+
+    def check(self) -> None:
+        """Do nothing: opening has looked at every row; data that cannot be read is told when it is read."""
 
     def close(self) -> None:
         """Remove the temporary copy, if one was made."""
@@ -79,13 +99,16 @@ class SqliteStorage(ChannelByChannel):
 
     def _read_rows(self, database: sqlite3.Connection) -> Times:
         """Row number, topic number and time of every row, (n, 3), stepping over what cannot be read."""
-        rows = array("q")
         try:
-            for row in walk_rows(database, _select_rows, self._losses):
-                rows.extend(row)
+            rows = _all_rows(database)
+            if rows is None:
+                found = array("q")
+                for row in walk_rows(database, _select_rows, self._losses):
+                    found.extend(row)
+                rows = np.array(found, dtype=np.int64).reshape(-1, 3)
         except UNREADABLE as error:
             raise UnusableLog(f"{self.path}: not a rosbag2 file ({error})") from error
-        return np.array(rows, dtype=np.int64).reshape(-1, 3)
+        return rows
 
     # --- reading ----------------------------------------------------------------------------------
 
@@ -97,23 +120,59 @@ def _text(value: object) -> str:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
+_ROWS = (
+    "SELECT id, CAST(topic_id AS INTEGER), CAST(timestamp AS INTEGER) FROM messages WHERE id > ? ORDER BY id"
+)
+
+
+def _all_rows(database: sqlite3.Connection) -> Times | None:
+    """Row number, topic number and time of every row, (n, 3); None where any of them is not sound."""
+    parts = [np.empty((0, 3), np.int64)]
+    try:
+        cursor = database.execute(_ROWS, (FIRST_ROW,))
+        while some := cursor.fetchmany(MOST_ROWS):
+            parts.append(np.fromiter(chain.from_iterable(some), np.int64, 3 * len(some)).reshape(-1, 3))
+    except (*UNREADABLE, TypeError, ValueError, OverflowError):
+        return None
+    rows = np.concatenate(parts)
+    return rows if (np.diff(rows[:, 0]) > 0).all() else None
+
+
 def _select_rows(database: sqlite3.Connection, after: int) -> Iterator[tuple[int, int, int]]:
-    query = (
-        "SELECT id, CAST(topic_id AS INTEGER), CAST(timestamp AS INTEGER) FROM messages "
-        "WHERE id > ? ORDER BY id"
-    )
-    for row in database.execute(query, (after,)):
+    for row in database.execute(_ROWS, (after,)):
         if None not in row:
             yield row
 
 
-def _read_data(database: sqlite3.Connection, rows: list[int]) -> Iterator[tuple[int, bytes]]:
-    """Yield (row, data), leaving out the rows whose data cannot be read."""
-    query = "SELECT CAST(data AS BLOB) FROM messages WHERE id = ?"
-    for row in rows:
-        try:
-            found = database.execute(query, (row,)).fetchone()
-        except UNREADABLE:
-            continue
-        if found is not None and found[0] is not None:
-            yield row, found[0]
+def _blocks(database: sqlite3.Connection, rows: Times) -> Iterator[Payloads]:
+    """Read the data of these rows, all that there are of their topics, some at a time and in their order.
+
+    From where that fails on, they are read one by one, so that only data that cannot be read are lost.
+    """
+    topics = np.unique(rows[:, 1]).tolist()
+    query = (
+        "SELECT CAST(data AS BLOB) FROM messages WHERE CAST(topic_id AS INTEGER) IN "  # noqa: S608 only marks
+        f"({', '.join('?' * len(topics))}) AND timestamp IS NOT NULL AND id > ? ORDER BY id"
+    )
+    done, count = 0, 16
+    try:
+        cursor = database.execute(query, (*topics, FIRST_ROW))
+        while done < len(rows) and (some := cursor.fetchmany(min(count, len(rows) - done))):
+            block = Payloads.of([data for (data,) in some])
+            done += len(block)
+            count = min(max(PIECE_BYTES * len(block) // max(len(block.block), 1), 1), 8 * count, MOST_ROWS)
+            yield block
+    except UNREADABLE:
+        pass
+    for first in range(done, len(rows), ONE_BY_ONE):
+        part = rows[first : first + ONE_BY_ONE, 0].tolist()
+        yield Payloads.of([_read_data(database, row) for row in part])
+
+
+def _read_data(database: sqlite3.Connection, row: int) -> bytes | None:
+    """Read the data of one row, None where that cannot be read."""
+    try:
+        found = database.execute("SELECT CAST(data AS BLOB) FROM messages WHERE id = ?", (row,)).fetchone()
+    except UNREADABLE:
+        return None
+    return None if found is None else found[0]
