@@ -16,8 +16,12 @@ from pathlib import Path
 
 from ident.errors import UnusableLog
 from ident.logs.bag import in_sequence, stem_and_number, storage_files
+from ident.logs.mdf import SUFFIXES as MDF_SUFFIXES
 
-SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd", ".bag", ".bag.active", ".db", ".dat")
+SUFFIXES = (
+    *(".mcap", ".db3", ".mcap.zstd", ".db3.zstd", ".bag", ".bag.active", ".db", ".dat"),
+    *MDF_SUFFIXES,
+)
 TABLES = (".csv", ".parquet")
 METADATA = "metadata.yaml"
 REPORT = "index.html"
@@ -117,7 +121,7 @@ def _is_side_file(run: RunPath, runs: Sequence[RunPath]) -> bool:
 
 
 def _grouped(runs: Sequence[RunPath]) -> Iterator[RunPath]:
-    """Join name_0, name_1, ... of one folder and one format."""
+    """Join name_0, name_1, ... of one folder and one format; MDF files each state a start of their own."""
     groups: dict[tuple[Path, str, str], list[RunPath]] = {}
     for run in sorted(runs, key=lambda run: in_sequence(run.path)):
         stem, number = stem_and_number(run.path)
@@ -125,7 +129,7 @@ def _grouped(runs: Sequence[RunPath]) -> Iterator[RunPath]:
         groups.setdefault(key, []).append(run)
     for group in groups.values():
         first = group[0]
-        if len(group) == 1 or stem_and_number(first.path)[1] != 0:
+        if len(group) == 1 or stem_and_number(first.path)[1] != 0 or _suffix(first.path) in MDF_SUFFIXES:
             yield from group
             continue
         name = first.name.removesuffix("_" + first.name.rpartition("_")[2])

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from ident.errors import UnusableLog
-from ident.logs import ros1, sqlite_file
+from ident.logs import mdf, ros1, sqlite_file
 from ident.logs.bag import StoredLog, in_sequence, open_rosbag2, storage_files
 from ident.logs.compression import ZSTD_MAGIC, decompress_file
 from ident.logs.mcap import McapStorage
@@ -25,8 +25,6 @@ READERS: dict[bytes, Callable[[Path], Storage]] = {
     sqlite_file.MAGIC: open_sqlite,
     ros1.ANY_MAGIC: Ros1Storage,
 }
-NOT_READ_YET = {b"MDF ": "MDF file"}
-NAMES_NOT_READ_YET = {".mf4": "MDF file"}
 
 
 def open_log(path: Path, files: Sequence[Path] = ()) -> Log:
@@ -40,6 +38,8 @@ def open_log(path: Path, files: Sequence[Path] = ()) -> Log:
     try:
         if is_table(path):
             return TableLog(path)
+        if is_mdf(path):
+            return mdf.MdfLog(path)
         if path.is_dir():
             return open_rosbag2(path, open_storage)
         if len(files) > 1:
@@ -66,10 +66,6 @@ def open_storage(path: Path) -> Storage:
             return reader(path)
     if head.startswith(ZSTD_MAGIC):
         return _open_compressed(path)
-    what = next((name for magic, name in NOT_READ_YET.items() if head.startswith(magic)), None)
-    what = what or NAMES_NOT_READ_YET.get(path.suffix.lower())
-    if what:
-        raise UnusableLog(f"{path}: {what}: not read yet, convert it to MCAP or rosbag2")
     raise UnusableLog(f"{path}: is no log (first bytes {head[:8].hex(' ')}), need MCAP or rosbag2")
 
 
@@ -78,6 +74,11 @@ def is_table(path: Path) -> bool:
     if not path.is_file() or not path.stat().st_size:
         return False
     return path.name.lower().endswith(SUFFIXES) or first_bytes(path).startswith(PARQUET_MAGIC)
+
+
+def is_mdf(path: Path) -> bool:
+    """Whether a file is an ASAM MDF file, by its first bytes."""
+    return path.is_file() and first_bytes(path).startswith((mdf.MAGIC, mdf.UNFINISHED))
 
 
 def first_bytes(path: Path) -> bytes:
