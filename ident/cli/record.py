@@ -75,11 +75,12 @@ def _summary(out: Path, status: Status) -> str:
     lines = [
         f"{each.topic}: {each.messages} messages, {each.messages / status.seconds:.1f}/s"
         + (f", {each.lost} lost" if each.lost else "")
+        + (" (best effort: what was lost on the way is not counted)" if each.best_effort else "")
         for each in status.topics
     ]
     lines += [f"refused {topic} ({kind}): {why}" for topic, kind, why in status.refused]
     total = f"{out}: {status.messages} messages, {status.bytes / 1e6:.1f} MB in {status.seconds:.1f} s"
-    lost = f"{status.lost} lost" if status.lost else "none known to be lost"
+    lost = f"{status.lost} counted as lost"
     return "\n".join(
         [*lines, f"{total}, {lost}", f"Look at it with: {shlex.join(['ident', 'info', str(out)])}"]
     )

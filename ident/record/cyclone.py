@@ -40,6 +40,7 @@ from ident.errors import IdentError, UsageError
 from ident.record.type_text import COMPLETE, UntoldType, type_text
 
 MOST_SAMPLES = 256
+MOST_ROUNDS = 64
 ANY_STATE = 0x7F
 HANDLE = (1 << 64) - 1
 NO_TYPE = "its writer sends no type information"
@@ -109,6 +110,11 @@ class Offer:
         return self.topic, self.kind, told, self.quality
 
     @property
+    def best_effort(self) -> bool:
+        """Whether the writer does not send again what was lost on the way."""
+        return Policy.Reliability.BestEffort in self.qos
+
+    @property
     def quality(self) -> str:
         """The policies, as text."""
         return ", ".join(sorted(str(policy).removeprefix("Policy.") for policy in self.qos))
@@ -143,11 +149,19 @@ class Source:
         self._buffer = ctypes.create_string_buffer(1 << 16)
 
     def take(self) -> list[Sample]:
-        """Take what has arrived, at most ``MOST_SAMPLES`` samples."""
+        """Take what has arrived, in the order of the writers' stamps: DDS gives it key by key."""
+        found: list[Sample] = []
+        for _ in range(MOST_ROUNDS):
+            count = self._take_some(found)
+            if count < MOST_SAMPLES:
+                break
+        return sorted(found, key=lambda sample: sample.sent or 0)
+
+    def _take_some(self, found: list[Sample]) -> int:
+        """Take at most ``MOST_SAMPLES``; return how many there were, those without a payload among them."""
         count = _take(self._reader._ref, self._pointers, MOST_SAMPLES, self._infos, ANY_STATE)  # noqa: SLF001
         if count < 0:
             raise IdentError(f"samples cannot be taken: {DDSException(count)}")
-        found = []
         for pointer, info in zip(self._pointers[:count], self._infos[:count], strict=True):
             if info.valid_data and pointer is not None:
                 sent = int(info.source_timestamp)
@@ -155,10 +169,14 @@ class Source:
                     Sample(info.publication_handle & HANDLE, self._bytes(pointer), sent if sent > 0 else None)
                 )
             _sample_free(pointer)
-        return found
+        return int(count)
 
     def lost(self) -> int:
-        """Return how many samples were sent and never arrived, or were turned away."""
+        """Return how many samples Cyclone DDS counts as lost or turned away.
+
+        It counts none that a best-effort writer lost on the way
+        (https://github.com/ros2/demos/issues/642).
+        """
         lost = self._reader.get_sample_lost_status().total_count
         return int(lost + self._reader.get_sample_rejected_status().total_count)
 

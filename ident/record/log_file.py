@@ -2,8 +2,8 @@
 
 A chunk is closed and handed to the system at each ``flush``; whoever opens the file then finds every message
 up to there, only without summary (https://mcap.dev/spec). Definitions stand before the first message of their
-channel. What is known of the recording as a whole (samples lost, writers refused) is a metadata record named
-``ident.record``, written whenever it has changed; the last one holds.
+channel. What is known of the recording as a whole (samples lost, topics whose losses are not counted, writers
+refused) is a metadata record named ``ident.record``, written whenever it has changed; the last one holds.
 """
 
 from __future__ import annotations

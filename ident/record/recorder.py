@@ -168,6 +168,7 @@ class _Recording:
             self._channels[key] = channel, Tally(name, told.name)
             self.watch.note(f"recording {name} ({told.name})")
         group.channel, group.tally = self._channels[key]
+        group.tally.best_effort |= offer.best_effort
         group.source = source
         self._by_source[id(source)] = group
 
@@ -213,11 +214,14 @@ class _Recording:
 
     def _known(self) -> dict[str, str]:
         """Return what the metadata of the file say."""
-        lost = {tally.topic: tally.lost for _, tally in self._channels.values() if tally.lost}
+        tallies = [tally for _, tally in self._channels.values()]
+        lost = {tally.topic: tally.lost for tally in tallies if tally.lost}
+        uncounted = sorted({tally.topic for tally in tallies if tally.best_effort})
         refused = [{"topic": topic, "type": kind, "reason": why} for topic, kind, why in self._refused]
         return {
             "domain": str(self.request.domain),
             "samples_lost": json.dumps(lost),
+            "losses_not_counted": json.dumps(uncounted),
             "writers_refused": json.dumps(refused),
         }
 

@@ -7,7 +7,12 @@ from dataclasses import dataclass
 
 @dataclass
 class Tally:
-    """What was recorded of a topic; ``rate`` of the last second [1/s]."""
+    """What was recorded of a topic.
+
+    lost : samples that DDS knows to be lost; of best-effort writers it knows none
+    rate : of the last second [1/s]
+    best_effort : whether one of its writers does not send again what was lost on the way
+    """
 
     topic: str
     kind: str
@@ -15,6 +20,7 @@ class Tally:
     bytes: int = 0
     lost: int = 0
     rate: float = 0.0
+    best_effort: bool = False
 
 
 @dataclass(frozen=True)

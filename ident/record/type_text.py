@@ -242,11 +242,11 @@ class _Text:
         return writers[kind](told, depth)
 
     def _sequence(self, element: Any, bound: int, depth: int) -> str:
-        return f"sequence<{self._element(element, depth)}{_bounded(bound, ', {}')}>"
+        return _template("sequence", f"{self._element(element, depth)}{_bounded(bound, ', {}')}")
 
     def _map(self, key: Any, element: Any, bound: int, depth: int) -> str:
         inner = f"{self._element(key, depth)}, {self._element(element, depth)}"
-        return f"map<{inner}{_bounded(bound, ', {}')}>"
+        return _template("map", f"{inner}{_bounded(bound, ', {}')}")
 
     def _array(self, element: Any, sizes: Sequence[int], depth: int) -> tuple[str, list[int]]:
         word, inner = self.kind(element, depth + 1)
@@ -356,6 +356,11 @@ def _member_notes(flags: Any) -> str:
 
 def _bounded(bound: int, form: str) -> str:
     return form.format(int(bound)) if bound else ""
+
+
+def _template(word: str, inside: str) -> str:
+    """Return ``word<inside>``; to some readers ">>" is one sign."""
+    return f"{word}<{inside}{' ' if inside.endswith('>') else ''}>"
 
 
 def _sizes(sizes: Sequence[int]) -> str:

@@ -1,12 +1,13 @@
 """Types of DDS that a test publishes, one of each way in which a message is laid out, and values of them."""
 
 import dataclasses
+import random
 from enum import Enum
 from typing import Any, Optional
 
-import cyclonedds.idl as idl
 import cyclonedds.idl.annotations as note
 import cyclonedds.idl.types as of
+from cyclonedds import idl
 
 # ruff: noqa: UP045 (cyclonedds reads Optional alone)
 
@@ -87,14 +88,13 @@ class Chosen(idl.IdlStruct, typename="truck.Chosen"):
     choice: Choice
 
 
-@dataclasses.dataclass
-@note.final
-class Untold(idl.IdlStruct, typename="truck.Untold"):
-    x: of.float64
-
-
 def plain(i: int) -> Plain:
     return Plain(i % 2 == 0, -1.5 * i, 65_535 - i, "a" * (i % 5), -(2**53) + i)
+
+
+def noise(i: int) -> Plain:
+    """A message that no compression makes shorter than 1 kB."""
+    return dataclasses.replace(plain(i), text=random.Random(i).randbytes(1000).hex())
 
 
 def state(i: int) -> State:
@@ -104,7 +104,9 @@ def state(i: int) -> State:
     extra = None if i % 2 else -2.5 * i
     counts = list(range(-i, -i + i % 4))
     grid = [0.25 * i, 1.5, -3.0]
-    return State(stamp, i % 2, gear, 0.1 * i, wheels, counts, grid, "t" * (i % 7), extra, i % 3 == 0, 2**40 + i)
+    return State(
+        stamp, i % 2, gear, 0.1 * i, wheels, counts, grid, "t" * (i % 7), extra, i % 3 == 0, 2**40 + i
+    )
 
 
 def loose(i: int) -> Loose:
@@ -116,7 +118,7 @@ def reading(i: int) -> Reading:
 
 
 def chosen(i: int) -> Chosen:
-    return Chosen(Choice(whole=i) if i % 2 else Choice(real=0.5 * i))
+    return Chosen(Choice(discriminator=1, value=i) if i % 2 else Choice(discriminator=7, value=0.5 * i))
 
 
 def numbers(value: Any, path: str = "") -> dict[str, float]:
