@@ -45,7 +45,7 @@ class EprosimaStorage(ChannelByChannel):
             except UNREADABLE as error:
                 raise UnusableLog(f"{path}: not a DDS recording that can be read ({error})") from error
             types = _read_types(database)
-        self.damage = summarise(path.name, losses, unit="row")
+        self.damage = [*self._file.damage, *summarise(path.name, losses, unit="row")]
         self._rows = self._take_rows(rows)
         self._idl = idl_text_beside(path)
         self.channels = [self._channel(topic, kind, types) for topic, kind in self._rows]

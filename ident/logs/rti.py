@@ -49,7 +49,7 @@ class RtiStorage(ChannelByChannel):
         self.path = path
         self._file = SqliteFile(path)
         self.files = self._file.files
-        self.damage: list[Damage] = []
+        self.damage = list(self._file.damage)
         self._idl = idl_text_beside(path)
         self._rows: dict[int, tuple[str, NDArray[np.int64]]] = {}
         self.channels: list[Channel] = []

@@ -38,7 +38,7 @@ class SqliteStorage:
             self._numbers: dict[int, list[int]] = {}
             self.channels = self._read_channels(database)
             self._rows = self._read_rows(database)
-        self.damage += summarise(path.name, self._losses, unit="row")
+        self.damage += [*self._file.damage, *summarise(path.name, self._losses, unit="row")]
 
     def times(self, channel: Channel) -> Times:
         """Log times of a channel [ns], in the order in which they were recorded."""

@@ -1,14 +1,17 @@
 """SQLite files, read without a trace: read-only and immutable, so that nothing beside them is created.
 
 Where the recorder left a write-ahead log (``-wal``) the newest rows are in there: both are copied to a
-temporary folder and read from the copy. A damaged page costs the rows in it: rows are read by number, and
-the walk steps over those that cannot be read.
+temporary folder and read from the copy. So is a file that was cut off within a page, without that page, whose
+missing end SQLite would take for zeros. A damaged page costs the rows in it: rows are read by number, and the
+walk steps over those that cannot be read.
 """
 
 from __future__ import annotations
 
+import os
 import shutil
 import sqlite3
+import struct
 import tempfile
 import weakref
 from collections.abc import Callable, Iterator
@@ -16,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ident.logs.damage import Loss
+from ident.results import Damage
 
 MAGIC = b"SQLite format 3\x00"
 UNREADABLE = (sqlite3.DatabaseError, MemoryError)
@@ -29,19 +33,24 @@ Select = Callable[[sqlite3.Connection, int], Iterator[Row]]
 
 
 class SqliteFile:
-    """One SQLite file; ``files`` are those that are read."""
+    """One SQLite file; ``files`` are those that are read, ``damage`` is what is missing at its end."""
 
     def __init__(self, path: Path) -> None:
         self.files = [path]
+        size, whole, stated = _sizes(path)
+        text = f"{path.name}: cut off at byte {size}, its header states {stated} bytes"
+        self.damage = [Damage(text, bytes_lost=stated - size)] if stated > size else []
         self._path = path
         self._copy: Path | None = None
         wal = path.with_name(path.name + "-wal")
         if wal.exists() and wal.stat().st_size > 0:
+            self.files.append(wal)
+        if len(self.files) > 1 or whole < size:
             self._copy = Path(tempfile.mkdtemp(prefix="ident-"))
             weakref.finalize(self, shutil.rmtree, self._copy, ignore_errors=True)
-            shutil.copyfile(path, self._copy / path.name)
-            shutil.copyfile(wal, self._copy / wal.name)
-            self.files.append(wal)
+            for file in self.files:
+                shutil.copyfile(file, self._copy / file.name)
+            os.truncate(self._copy / path.name, whole)
 
     def connect(self) -> sqlite3.Connection:
         """Open the file for reading."""
@@ -59,6 +68,21 @@ class SqliteFile:
         """Remove the temporary copy, if one was made."""
         if self._copy is not None:
             shutil.rmtree(self._copy, ignore_errors=True)
+
+
+def _sizes(path: Path) -> tuple[int, int, int]:
+    """Size of a file, of its whole pages, and that which its header states; all in bytes (0: it does not)."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(100)
+    if len(head) < 100:
+        return size, size, 0
+    (page,) = struct.unpack_from(">H", head, 16)
+    page = 65536 if page == 1 else page
+    if page < 512 or page & (page - 1):
+        return size, size, 0
+    changed, pages, valid_for = (struct.unpack_from(">I", head, place)[0] for place in (24, 28, 92))
+    return size, size // page * page, pages * page if changed == valid_for else 0
 
 
 def computed_tables(database: sqlite3.Connection) -> list[str]:

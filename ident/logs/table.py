@@ -106,10 +106,22 @@ class TableLog:
         try:
             about = pq.read_metadata(self.path)
             self._check_size(about.num_rows, about.num_columns)
-            return pq.read_table(self.path).to_pandas(ignore_metadata=True)  # type: ignore[no-any-return]
+            table = pq.read_table(self.path, page_checksum_verification=True)
+            return self._valid(table).to_pandas(ignore_metadata=True)  # type: ignore[no-any-return]
         except (pa.ArrowException, OSError, ValueError) as error:
             reason = " ".join(str(error).split())[:160]
             raise UnusableLog(f"{self.path}: Parquet file that cannot be read ({reason})") from error
+
+    def _valid(self, table: pa.Table) -> pa.Table:
+        """Leave out the columns whose contents are not what their type says."""
+        for name, column in zip(table.column_names, table.columns, strict=True):
+            try:
+                column.validate(full=True)
+            except pa.ArrowException as error:
+                reason = " ".join(str(error).split())[:160]
+                self.damage.append(Damage(f"{self.path.name}: column {name!r} is left out ({reason})"))
+                table = table.drop_columns([name])
+        return table
 
     def _read_csv(self) -> pd.DataFrame:
         """Read the rows that have as many cells as the first line has names."""
@@ -138,7 +150,6 @@ class TableLog:
             self.damage.append(Damage(text, len(wrong)))
         table.columns = [str(name).strip() for name in table.columns]
         return table  # type: ignore[no-any-return]
-
 
     def _check_size(self, rows: int, columns: int) -> None:
         """Refuse what would take far more memory than the file does."""

@@ -45,7 +45,10 @@ def test_a_file_cut_at_60_percent_gives_most_of_60_percent(whole, tmp_path):
     log, columns = read(path)
     assert 0.5 * COUNT < len(columns.log_time) < 0.9 * COUNT
     assert_true(columns)
-    assert "rows that cannot be read" in log.damage[0].what
+    cut, rows = log.damage
+    assert f"cut off at byte {path.stat().st_size}" in cut.what
+    assert cut.bytes_lost == len(data) - path.stat().st_size
+    assert "rows that cannot be read" in rows.what
 
 
 def test_a_damaged_page_loses_its_rows_and_says_how_many(whole, tmp_path):
