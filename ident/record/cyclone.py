@@ -16,6 +16,7 @@ import contextlib
 import ctypes
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any, Self
 
 from cyclonedds import _clayer
@@ -217,7 +218,8 @@ class Domain:
 
     def __exit__(self, *_: object) -> None:
         """Leave the domain."""
-        self._participant._delete(self._ref)  # noqa: SLF001
+        for participant in [self._participant, *chain.from_iterable(self._further.values())]:
+            participant._delete(participant._ref)  # noqa: SLF001
 
     @property
     def _ref(self) -> int:
@@ -227,12 +229,8 @@ class Domain:
 
     def offers(self) -> list[Offer]:
         """Return the writers that were announced since the last call."""
-        try:
-            found = self._publications.read(1000, condition=self._news)
-        except DDSException:
-            return []
-        own = self._participant.guid
-        return [_offer(each) for each in found if each.sample_info.valid_data and each.participant_key != own]
+        found = self._publications.read(MOST_SAMPLES, condition=self._news)
+        return [_offer(each) for each in found if each.sample_info.valid_data]
 
     def type_of(self, offer: Offer, patience: float) -> Told:
         """Ask for the definition of a type; this may wait for other participants to answer.
@@ -255,7 +253,14 @@ class Domain:
         if code == DDSException.DDS_RETCODE_TIMEOUT:
             raise UntoldType(f"no participant told the definition of its type within {patience:g} s")
         _check(code, "its type cannot be used", UntoldType)
-        name, idl = type_text(offer.identifier, lambda each: self._type_object(each, wait))
+        try:
+            name, idl = type_text(offer.identifier, lambda each: self._type_object(each, wait))
+        except UntoldType:
+            _delete_descriptor(descriptor)
+            raise
+        except Exception as error:  # what came from the network may hold anything, and ends no recording
+            _delete_descriptor(descriptor)
+            raise UntoldType(f"the definition of its type makes no sense ({error!r})") from error
         return Told(name, idl, descriptor)
 
     @contextlib.contextmanager

@@ -56,7 +56,7 @@ def record(request: Request, watch: Watch) -> Status:
     UsageError
         If the file exists or cannot be made, the domain cannot be joined, or the disk takes no more.
     UnusableLog
-        If nothing was recorded, saying which topics there were.
+        If nothing was recorded, saying which topics there were; then there is no file either.
     """
     with Domain(request.domain) as domain, LogFile(request.out, overwrite=request.overwrite) as log:
         recording = _Recording(request, watch, domain, log)
@@ -67,6 +67,8 @@ def record(request: Request, watch: Watch) -> Status:
                 pool.shutdown(wait=False, cancel_futures=True)
         status = recording.finish()
     if not status.messages:
+        if request.out.is_file() and not request.out.is_symlink():
+            request.out.unlink()
         raise UnusableLog(recording.nothing())
     return status
 
