@@ -42,7 +42,8 @@ study: $(VENV)/dev.stamp
 	$(BIN)/python studies/tyre_coverage.py --seeds 500 --jobs 2
 	$(BIN)/python studies/pac2002_coverage.py --seeds 500
 	$(BIN)/python studies/improve_null.py --sets 100 --jobs 2
-	$(BIN)/python studies/improve_power.py --seeds 20 --jobs 2 --hours 3
+	$(BIN)/python studies/improve_power.py --seeds 20 --jobs 2 --hours 2
+	$(BIN)/python studies/improve_whole.py --seeds 60 --jobs 2 --hours 2
 	$(BIN)/python studies/controller_weights.py
 	IDENT_EVERY_SET=1 $(BIN)/python -m pytest -q tests/stages/test_improve_undeclared.py
 	IDENT_KILL_ROUNDS=40 IDENT_KILL_EVERY=1 $(BIN)/python -m pytest -q tests/pipeline/test_kill.py

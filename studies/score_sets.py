@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
+from score_colour import colour
 
 from ident.estimation.layer import BIN, Group, LayerScores, Shape
-from ident.estimation.score_colour import colour
 
 Array = NDArray[np.float64]
 
