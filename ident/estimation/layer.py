@@ -68,8 +68,8 @@ class LayerScores:
     activity : (b, a) how much is going on in each bin: mean squares of what excites the layer
     signals, activities : names of those columns
     groups : the candidates
-    colour : (c,) how much more each score scatters than its length says, by noise that whitening signal by signal
-        does not know (:mod:`ident.estimation.input_noise`); none where it is not given
+    colour : (c,) how much more each score scatters than its length says, by noise that whitening signal by
+        signal does not know (:mod:`ident.estimation.input_noise`); none where it is not given
     """
 
     layer: str
