@@ -14,11 +14,16 @@ and never written. asammdf (the extra ``mdf``) is imported when the first such f
 from __future__ import annotations
 
 import contextlib
+import gc
 import io
 import logging
 import re
 import shutil
+import struct
+import sys
 import tempfile
+import traceback
+import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
@@ -47,6 +52,7 @@ TO_TEXT = {7, 8}
 FROM_TEXT = {9, 10}
 FORMULA, BITFIELD = 3, 11
 ALL_INVALID = 1
+COUNTERS_UNKNOWN = 0x01
 _FORMULA = re.compile(
     r"(?:\s|[\d.+\-*/()^,]|[eE](?=[+-]?\d)|X1?\b|(?:a?(?:sin|cos|tan)h?|exp|log10|log|ln|abs|sqrt|pow)(?=\s*\())*"
 )
@@ -61,35 +67,44 @@ class MdfLog:
         self.path = path
         self.files = [path]
         self.damage: list[Damage] = []
-        self._file, version = self._open_file()
-        self.format = f"mdf {version}"
+        self._file: BinaryIO = path.open("rb")
         try:
-            self._mdf = self._guarded(lambda: _open(self._file))
+            self.format = f"mdf {self._version()}"
+            self._mdf = self._open()
         except BaseException:
             self._file.close()
             raise
-        self._start = self._start_time()
+        self._end = weakref.finalize(self, _close, self._mdf, self._file)
+        self._start = int(self._mdf.header.abs_time)
         self._groups: dict[str, int] = {}
         self._fields: dict[str, dict[str, int]] = {}
         self._times: dict[str, Times] = {}
         self._list_groups()
-        self.topics = sorted(
-            (Topic(name, KIND, self._cycles(group)) for name, group in self._groups.items()),
-            key=lambda topic: topic.name,
-        )
         if not any(topic.messages for topic in self.topics):
             self.close()
             raise UnusableLog(
                 f"{path}: no channel group with times and numbers among {len(self._mdf.groups)}"
             )
 
+    @property
+    def topics(self) -> list[Topic]:
+        """Topics, in the order of their names; how many samples one has is exact once it was read."""
+        return [
+            Topic(name, KIND, len(self._times[name]) if name in self._times else self._cycles(group))
+            for name, group in sorted(self._groups.items())
+        ]
+
     def times(self, topic: str) -> Times:
         """Times of all samples of a group [ns]."""
         group = self._group(topic)
         if topic not in self._times:
-            read = self._guarded(lambda: self._mdf.get_master(group), FieldError)
+            read = self._guarded(lambda: self._mdf.get_master(group))
             seconds = np.asarray(read, dtype=np.float64)
             self._times[topic] = self._start + self._finite(topic, seconds)
+            lost = self._cycles(group) - len(seconds)
+            if lost > 0:
+                text = f"{self.path.name}: {topic} states more samples than its data hold"
+                self.damage.append(Damage(text, lost))
         return self._times[topic]
 
     def fields(self, topic: str) -> dict[str, str]:
@@ -126,34 +141,51 @@ class MdfLog:
 
     def close(self) -> None:
         """Close the file, and remove the temporary copy, if one was made."""
-        with _silent():
-            self._mdf.close()
-        self._file.close()
+        self._end()
 
     # --- opening ----------------------------------------------------------------------------------
 
-    def _open_file(self) -> tuple[BinaryIO, str]:
-        """Open the file, or a temporary copy of one that asammdf has to complete; read its version."""
-        file: BinaryIO = self.path.open("rb")
-        head = file.read(64)
+    def _version(self) -> str:
+        """Version of the format; ``UnusableLog`` where it is not read."""
+        head = self._file.read(64)
         version = head[8:16].decode("latin-1").strip(" \0")
         if version < EARLIEST:
-            file.close()
             raise UnusableLog(f"{self.path}: MDF version {version or '?'}, need {EARLIEST} or later")
+        return version
+
+    def _open(self) -> MDF:
+        """Open the file; of one that was not closed, or ends early, a copy in which that is mended."""
+        self._file.seek(0)
+        head = self._file.read(64)
         if head.startswith(UNFINISHED) or any(head[60:64]):
+            self._take_copy()
+            found = self._guarded(lambda: _opened(self._file, self.path))
             self.damage.append(
                 Damage(f"{self.path.name}: was not closed by its recorder, completed in a copy")
             )
-            with file:
-                copy = tempfile.TemporaryFile(prefix="ident-")  # noqa: SIM115 closed with the log
-                file.seek(0)
-                shutil.copyfileobj(file, copy)
-            return copy, version
-        return file, version
+            return found
+        try:
+            return self._guarded(lambda: _opened(self._file, self.path))
+        except CannotRead as error:
+            self._take_copy()
+            stated = mend(self._file)
+            try:
+                found = self._guarded(lambda: _opened(self._file, self.path))
+            except UnusableLog:
+                raise error from None
+            lost = stated - sum(int(group.channel_group.cycles_nr) for group in found.groups)
+            text = f"{self.path.name}: ends early ({error.reason}), samples of its groups are missing"
+            self.damage.append(Damage(text, max(lost, 0)))
+            return found
 
-    def _start_time(self) -> int:
-        """Start of the measurement [ns since 1970]."""
-        return int(self._mdf.header.abs_time)
+    def _take_copy(self) -> None:
+        """Go on with a temporary copy of the file, that may be written."""
+        copy = tempfile.TemporaryFile(prefix="ident-")  # noqa: SIM115 closed with the log
+        with self._file:
+            self._file.seek(0)
+            shutil.copyfileobj(self._file, copy)
+        copy.seek(0)
+        self._file = copy
 
     def _list_groups(self) -> None:
         masters = self._mdf.masters_db
@@ -188,8 +220,7 @@ class MdfLog:
         _check_formulas(channel.conversion, f"{topic}, {name}")
         raw = _is_enumeration(channel.conversion)
         signal = self._guarded(
-            lambda: self._mdf.get(group=group, index=index, raw=raw, ignore_invalidation_bits=True),
-            FieldError,
+            lambda: self._mdf.get(group=group, index=index, raw=raw, ignore_invalidation_bits=True)
         )
         values = _floats(signal.samples)
         if values.shape != (count,):
@@ -207,37 +238,98 @@ class MdfLog:
             raise FieldError(f"{topic}: {wrong} of its {len(seconds)} times are no times in seconds")
         return np.round(seconds * 1e9).astype(np.int64)
 
-    def _guarded(self, read: Callable[[], _Found], failed: type[Exception] = UnusableLog) -> _Found:
+    def _guarded(self, read: Callable[[], _Found]) -> _Found:
         """Do what asammdf may fail at with any error, and may print about."""
-        try:
-            with _silent():
+        with _silent():
+            try:
                 return read()
-        except (UnusableLog, FieldError):
-            raise
-        except Exception as error:  # a damaged file raises anything in asammdf
-            reason = " ".join(str(error).split())[:160] or type(error).__name__
-            raise failed(f"{self.path}: MDF file that cannot be read ({reason})") from error
+            except UnusableLog:
+                raise
+            except Exception as error:  # noqa: BLE001 a damaged file raises anything in asammdf
+                failed = CannotRead(self.path, error)
+                traceback.clear_frames(error.__traceback__)
+            gc.collect(1)  # what it left half made ends here, in silence
+        raise failed
 
 
-def _open(file: BinaryIO) -> MDF:
+class CannotRead(UnusableLog, FieldError):
+    """asammdf cannot read a file, or a part of it."""
+
+    def __init__(self, path: Path, error: Exception) -> None:
+        self.reason = " ".join(str(error).split()).partition(". ")[0][:160] or type(error).__name__
+        super().__init__(f"{path}: MDF file that cannot be read ({self.reason})")
+
+
+def _opened(file: BinaryIO, path: Path) -> MDF:
     try:
         from asammdf import MDF  # noqa: PLC0415 an extra, and slow to import
     except ImportError as error:
-        raise UnusableLog(f"{getattr(file, 'name', 'file')}: {NEEDED}") from error
+        raise UnusableLog(f"{path}: {NEEDED}") from error
     return MDF(file)
+
+
+def mend(file: BinaryIO) -> int:
+    """Mark a file that ends early as one that was not closed, and keep its blocks of data inside it.
+
+    Only data that lie in one block behind the description of the file can be kept, as loggers write them.
+
+    Returns
+    -------
+    stated : how many samples its groups state, those that are lost among them
+    """
+    size = file.seek(0, io.SEEK_END)
+    stated, seen = 0, set[int]()
+    group = _number(file, 64 + 24, size)
+    while group and group not in seen:
+        seen.add(group)
+        channels, data = _number(file, group + 32, size), _number(file, group + 40, size)
+        stated += _number(file, channels + 80, size)
+        length = _number(file, data + 8, size)
+        if data + 24 > size:
+            _write_number(file, group + 40, 0, size)
+        elif data + length > size:
+            _write_number(file, data + 8, size - data, size)
+        group = _number(file, group + 24, size)
+    file.seek(0)
+    file.write(UNFINISHED)
+    file.seek(60)
+    file.write(struct.pack("<H", COUNTERS_UNKNOWN))
+    return stated
+
+
+def _number(file: BinaryIO, place: int, size: int) -> int:
+    """Read a number of 8 bytes, 0 where the file has none there."""
+    if place + 8 > size:
+        return 0
+    file.seek(place)
+    return int.from_bytes(file.read(8), "little")
+
+
+def _write_number(file: BinaryIO, place: int, value: int, size: int) -> None:
+    if place + 8 <= size:
+        file.seek(place)
+        file.write(value.to_bytes(8, "little"))
+
+
+def _close(mdf: MDF, file: BinaryIO) -> None:
+    with _silent():
+        mdf.close()
+    file.close()
 
 
 @contextlib.contextmanager
 def _silent() -> Iterator[None]:
-    """Keep asammdf from printing and logging: what matters is raised."""
+    """Keep asammdf from printing, logging and failing at its end: what matters is raised."""
     logger = logging.getLogger("asammdf")
-    before = logger.disabled
+    before, hook = logger.disabled, sys.unraisablehook
     logger.disabled = True
+    sys.unraisablehook = lambda _: None
     try:
         with contextlib.redirect_stdout(io.StringIO()):
             yield
     finally:
         logger.disabled = before
+        sys.unraisablehook = hook
 
 
 def _topic_name(group: Any, index: int) -> str:

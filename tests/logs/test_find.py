@@ -90,7 +90,7 @@ def test_says_what_was_looked_for_where_there_is_no_log(tmp_path):
         find_runs([tmp_path])
     assert str(caught.value) == (
         f"no log found in {tmp_path} (looked for .mcap, .db3, .mcap.zstd, .db3.zstd, .bag, .bag.active, .db, "
-        ".dat, .csv, .parquet, rosbag2 folders)"
+        ".dat, .mf4, .MF4, .csv, .parquet, rosbag2 folders)"
     )
 
 
