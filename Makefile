@@ -2,7 +2,8 @@
 # make test     everything that is checked: style, types, tests
 # make study    the statistical studies, in full; what is done is kept and not done again
 # make bench    nanoseconds a step of each model, one fit against CasADi and scipy, and the predictive
-#               controllers against their period and their programs in other solvers, as ratios
+#               controllers against their period and their programs in other solvers, and reading a log of
+#               1 GB against other readers, as ratios (writes 1 GB at a time to a temporary folder)
 # make schema   JSON Schemas of the outputs, from the classes of ident/results.py
 # make samples  the sample logs again, from their seed
 # make lock     the pinned requirements again, from pyproject.toml (needs uv: https://docs.astral.sh/uv)
@@ -52,6 +53,7 @@ bench: $(VENV)/dev.stamp
 	$(BIN)/python benchmarks/bench_models.py
 	$(BIN)/python benchmarks/bench_fit.py
 	$(BIN)/python benchmarks/bench_mpc.py
+	$(BIN)/python benchmarks/bench_logs.py
 
 schema: $(VENV)/dev.stamp
 	$(BIN)/python -m ident.pipeline.schema docs/schema

@@ -30,8 +30,11 @@ Prepare = Callable[[Mapping[str, list[str]]], Read]
 
 
 def by_ident(thin: Mapping[str, list[str]]) -> Read:
-    """Whole columns."""
+    """Whole columns of all topics in one pass; its store of standard types is made before, as for others."""
     from ident.logs import open_log  # noqa: PLC0415
+    from ident.logs.schema import standard_schema  # noqa: PLC0415
+
+    standard_schema("std_msgs/msg/Header")
 
     def read(path: Path) -> Arrays:
         log = open_log(path)
