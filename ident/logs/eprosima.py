@@ -116,9 +116,12 @@ class EprosimaStorage(ChannelByChannel):
         return None if found is None else bytes(found[0])
 
 
-def _select_rows(database: sqlite3.Connection, after: int) -> Iterator[Row]:
-    query = "SELECT rowid, topic, type, log_time, publish_time FROM Messages WHERE rowid > ? ORDER BY rowid"
-    yield from database.execute(query, (after,))
+def _select_rows(database: sqlite3.Connection, first: int, limit: int) -> Iterator[Row]:
+    query = (
+        "SELECT rowid, topic, type, log_time, publish_time FROM Messages "
+        "WHERE rowid >= ? ORDER BY rowid LIMIT ?"
+    )
+    yield from database.execute(query, (first, limit))
 
 
 def _fetch(database: sqlite3.Connection, query: str, number: int) -> bytes | None:

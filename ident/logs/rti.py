@@ -94,11 +94,11 @@ class RtiStorage(ChannelByChannel):
         valid = f"AND {VALID} != 0" if VALID in columns else ""
         query = (
             f"SELECT rowid, CAST({RECEIVED} AS INTEGER), CAST({sent} AS INTEGER) FROM {_quoted(table)} "  # noqa: S608
-            f"WHERE rowid > ? {valid} ORDER BY rowid"
+            f"WHERE rowid >= ? {valid} ORDER BY rowid LIMIT ?"
         )
 
-        def select(database: sqlite3.Connection, after: int) -> Iterator[Row]:
-            yield from database.execute(query, (after,))
+        def select(database: sqlite3.Connection, first: int, limit: int) -> Iterator[Row]:
+            yield from database.execute(query, (first, limit))
 
         losses: list[Loss] = []
         with closing(self._file.connect()) as database:

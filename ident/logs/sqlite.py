@@ -15,7 +15,7 @@ from ident.errors import UnusableLog
 from ident.logs.damage import Loss, summarise
 from ident.logs.payloads import Payloads
 from ident.logs.record import Channel, Stored, Times, join_stored
-from ident.logs.sqlite_file import FIRST_ROW, UNREADABLE, SqliteFile, walk_rows
+from ident.logs.sqlite_file import ALL, FIRST_ROW, UNREADABLE, SqliteFile, walk_rows
 from ident.results import Damage
 
 MOST_ROWS = 50_000
@@ -121,7 +121,8 @@ def _text(value: object) -> str:
 
 
 _ROWS = (
-    "SELECT id, CAST(topic_id AS INTEGER), CAST(timestamp AS INTEGER) FROM messages WHERE id > ? ORDER BY id"
+    "SELECT id, CAST(topic_id AS INTEGER), CAST(timestamp AS INTEGER) FROM messages "
+    "WHERE id >= ? AND topic_id IS NOT NULL AND timestamp IS NOT NULL ORDER BY id LIMIT ?"
 )
 
 
@@ -129,7 +130,7 @@ def _all_rows(database: sqlite3.Connection) -> Times | None:
     """Row number, topic number and time of every row, (n, 3); None where any of them is not sound."""
     parts = [np.empty((0, 3), np.int64)]
     try:
-        cursor = database.execute(_ROWS, (FIRST_ROW,))
+        cursor = database.execute(_ROWS, (FIRST_ROW, ALL))
         while some := cursor.fetchmany(MOST_ROWS):
             parts.append(np.fromiter(chain.from_iterable(some), np.int64, 3 * len(some)).reshape(-1, 3))
     except (*UNREADABLE, TypeError, ValueError, OverflowError):
@@ -138,10 +139,8 @@ def _all_rows(database: sqlite3.Connection) -> Times | None:
     return rows if (np.diff(rows[:, 0]) > 0).all() else None
 
 
-def _select_rows(database: sqlite3.Connection, after: int) -> Iterator[tuple[int, int, int]]:
-    for row in database.execute(_ROWS, (after,)):
-        if None not in row:
-            yield row
+def _select_rows(database: sqlite3.Connection, first: int, limit: int) -> Iterator[tuple[int, int, int]]:
+    yield from database.execute(_ROWS, (first, limit))
 
 
 def _blocks(database: sqlite3.Connection, rows: Times) -> Iterator[Payloads]:

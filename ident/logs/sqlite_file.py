@@ -29,7 +29,8 @@ LARGEST_STEP = 1 << 40
 TABLES = {"messages", "topics", "message_definitions", "types"}
 SHORTEST_LIMIT, LONGEST_LIMIT = 1 << 16, (1 << 31) - 1
 Row = tuple[Any, ...]
-Select = Callable[[sqlite3.Connection, int], Iterator[Row]]
+Select = Callable[[sqlite3.Connection, int, int], Iterator[Row]]
+ALL = -1
 
 
 class SqliteFile:
@@ -97,19 +98,21 @@ def walk_rows(database: sqlite3.Connection, select: Select, losses: list[Loss]) 
 
     Parameters
     ----------
-    select : yields the rows behind a number in their order, each beginning with its number
+    select : yields the rows from a number on in their order, each beginning with its number, as many as are
+        asked for or ``ALL``
 
     Raises
     ------
     sqlite3.DatabaseError
         If a table or column is missing.
     """
-    after: int | None = FIRST_ROW
+    first: int | None = FIRST_ROW
     defect: Loss | None = None
-    while after is not None:
-        last = after
+    limit = ALL
+    while first is not None:
+        last = first - 1
         try:
-            for row in select(database, after):
+            for row in select(database, first, limit):
                 if row[0] <= last:
                     raise sqlite3.DatabaseError("rows are out of order")
                 if defect is not None:  # each number that is missing behind a defect is a lost message
@@ -120,31 +123,35 @@ def walk_rows(database: sqlite3.Connection, select: Select, losses: list[Loss]) 
         except UNREADABLE as error:
             if "no such" in str(error):
                 raise
+            if limit == ALL:  # Python drops the row before one that cannot be read: it is asked for alone
+                first, limit = last + 1, 1
+                continue
             place = max(last, 0)
             if defect is None:
                 defect = Loss("rows that cannot be read", place, detail=str(error))
                 losses.append(defect)
-            after = _behind_defect(database, select, place)
+            first, limit = _behind_defect(database, select, place), ALL
         else:
-            after = None
+            first = None if limit == ALL or last < first else last + 1
+            limit = ALL
 
 
-def _behind_defect(database: sqlite3.Connection, select: Select, after: int) -> int | None:
-    """Find the first number behind which rows can be read again, None where there is none."""
+def _behind_defect(database: sqlite3.Connection, select: Select, last: int) -> int | None:
+    """Find the first number from which on rows can be read again, None where there is none."""
 
     def readable(number: int) -> bool:
         try:
-            first = next(select(database, number), None)
+            first = next(select(database, number, 1), None)
         except UNREADABLE:
             return False
-        return first is None or first[0] > number
+        return first is None or first[0] >= number
 
-    step = 1
-    while not readable(after + step):
+    step = 2
+    while not readable(last + step):
         step *= 2
         if step > LARGEST_STEP:
             return None
-    low, high = after + step // 2, after + step
+    low, high = last + step // 2, last + step
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if readable(middle) else (middle, high)
