@@ -16,7 +16,7 @@ from ident.cli.terminal import one_line, printable
 from ident.errors import UsageError
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from rich.console import Group
 
     from ident.pipeline.record import Status
 
@@ -128,15 +128,16 @@ def _line(status: Status) -> str:
     )
 
 
-def _table(status: Status) -> Table:
-    """Return the topics with the highest rates."""
+def _table(status: Status) -> Group:
+    """Return how it goes, and the topics with the highest rates."""
+    from rich.console import Group
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=_line(status), title_justify="left", box=None)
+    table = Table(box=None)
     for name in ("topic", "messages", "1/s", "MB", "lost"):
         table.add_column(name, justify="left" if name == "topic" else "right")
     for each in sorted(status.topics, key=lambda topic: -topic.rate)[:_SHOWN_TOPICS]:
         numbers = (str(each.messages), f"{each.rate:.0f}", f"{each.bytes / 1e6:.1f}", str(each.lost))
         table.add_row(Text(printable(each.topic)), *numbers)
-    return table
+    return Group(Text(_line(status)), table)

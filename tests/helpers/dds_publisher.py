@@ -1,7 +1,7 @@
 """A process that publishes in a DDS domain, told by its standard input what to do.
 
 ``python dds_publisher.py DOMAIN``, then a line of JSON each: {"open": NAME}, {"write": NAME, "from": i,
-"to": j} once a reader has matched, {"close": NAME}. Each is answered by a line when it is done.
+"to": j} once a reader has matched. Each is answered by a line when it is done.
 """
 
 from __future__ import annotations
@@ -137,8 +137,6 @@ def main() -> None:
             for i in range(order["from"], order["to"]):
                 write(writer, told, i, stamped=order.get("stamped", False))
             writer.wait_for_acks(2_000_000_000)
-        elif "close" in order:
-            del writers[order["close"]]
         print(json.dumps(order), flush=True)  # noqa: T201 (the answer)
 
 

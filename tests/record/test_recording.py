@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -31,16 +32,20 @@ from ident.record.cyclone import Offer, Sample, Told
 from ident.record.recorder import Request, Watch, record
 from ident.record.selection import Selection
 from ident.record.status import Status
+from ident.record.type_text import UntoldType
 
 ROOT = Path(__file__).parents[2]
 HELPERS = ROOT / "tests" / "helpers"
+# The tag keeps apart what several test processes publish at once.
 LOOPBACK = (
-    "<General><Interfaces><NetworkInterface name='lo'/></Interfaces><AllowMulticast>false</AllowMulticast>"
-    "</General><Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>40"
-    "</MaxAutoParticipantIndex><Peers><Peer address='127.0.0.1'/></Peers></Discovery>"
+    "<General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces>"
+    "<AllowMulticast>false</AllowMulticast>"
+    "</General><Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>60"
+    "</MaxAutoParticipantIndex><Peers><Peer address='127.0.0.1'/></Peers>"
+    f"<Tag>{uuid.uuid4()}</Tag></Discovery>"
 )
 ENVIRONMENT = {**os.environ, "CYCLONEDDS_URI": LOOPBACK, "PYTHONPATH": f"{ROOT}{os.pathsep}{HELPERS}"}
-DOMAIN = 20 + os.getpid() % 80
+DOMAIN = 20
 PROGRAM = "from ident.cli import main; main(prog_name='ident')"
 PATIENCE = 30.0
 
@@ -55,12 +60,12 @@ class Publisher:
         )
 
     def do(self, **order: Any) -> None:
-        line = json.dumps(order)
+        line = json.dumps(order) + "\n"
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._process.stdin.write(line + "\n")
+        self._process.stdin.write(line)
         self._process.stdin.flush()
-        assert self._process.stdout.readline() == line + "\n"
+        assert self._process.stdout.readline() == line
 
     def end(self) -> None:
         self._process.kill()
@@ -121,6 +126,21 @@ def publisher(domain: int = DOMAIN) -> Iterator[Publisher]:
         process.end()
 
 
+def wait_until_recorded(path: Path, topic: str, count: int) -> None:
+    """Read the file again and again while it is being written."""
+    end = time.monotonic() + PATIENCE
+    found = 0
+    while time.monotonic() < end:
+        if path.exists() and path.stat().st_size:
+            log = open_log(path)
+            found = sum(each.messages for each in log.topics if each.name == topic)
+            log.close()
+            if found >= count:
+                return
+        time.sleep(0.1)
+    raise AssertionError(f"{topic}: {found} messages of {count}")
+
+
 COUNT = 40
 HISTORY = 5
 STEADY = ["plain", "plain_xcdr1", "plain_big", "state", "state_big", "loose", "chosen", "part"]
@@ -156,7 +176,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
         source.do(write="reading_best_effort", **{"from": COUNT, "to": 2 * COUNT})
         source.do(write="twin", **{"from": 0, "to": COUNT})
         source.do(write="other_twin", **{"from": 0, "to": COUNT})
-        time.sleep(0.3)
+        wait_until_recorded(path, "/reading", 2 * COUNT)
         shown, told = process.stop()
         code = process.process.returncode
     return Recorded(path, shown, told, code)
@@ -261,7 +281,7 @@ def test_a_killed_recorder_leaves_what_it_had_recorded(tmp_path: Path) -> None:
         source.do(open="state")
         process.wait_for("recording vehicle/state")
         source.do(write="state", **{"from": 0, "to": COUNT})
-        time.sleep(1.3)
+        wait_until_recorded(path, "vehicle/state", COUNT)
         os.kill(process.process.pid, signal.SIGKILL)
     log = open_log(path)
     angle = log.columns("vehicle/state", ["angle"]).values["angle"]
@@ -282,7 +302,7 @@ def test_a_full_disk_is_one_line_and_costs_nothing_of_before(tmp_path: Path) -> 
         source.do(open="noise")
         process.wait_for("recording noise")
         source.do(write="noise", **{"from": 0, "to": 1})
-        time.sleep(1.2)
+        wait_until_recorded(path, "noise", 1)
         source.do(write="noise", **{"from": 1, "to": 20})
         shown, told = process.process.communicate(timeout=PATIENCE)
     assert process.process.returncode == 2
@@ -300,7 +320,7 @@ def test_stops_by_itself_and_says_why_there_is_nothing(tmp_path: Path) -> None:
         source.do(open="untold")
         source.do(open="plain")
         source.do(open="camera")
-        asked = ("un*", "camera", "/odom", "--duration", "1.5 s")
+        asked = ("un*", "camera", "/odom", "--duration", "3 s")
         with recorder(path, *asked, domain=DOMAIN + 3) as process:
             shown, told = process.process.communicate(timeout=PATIENCE)
     assert process.process.returncode == 3
@@ -327,6 +347,9 @@ def test_an_interrupt_ends_a_recording_as_it_should_end(tmp_path: Path) -> None:
     log.close()
 
 
+# --- what a real domain does only now and then -----------------------------------------------------------
+
+
 class LosingSource:
     """A reader that gets one sample of a writer nobody announced and knows that three were lost."""
 
@@ -340,11 +363,12 @@ class LosingSource:
         return 3
 
 
-class LosingDomain:
+class PretendedDomain:
+    """Two writers: of one the type is told, of the other nobody tells it for a while."""
+
     def __init__(self, _: int) -> None:
-        self._offers = [Offer(1, "a", "A", None, ())]
-        self._source = LosingSource()
-        self._opened = False
+        self._offers = [Offer(1, "silent", "S", None, ()), Offer(2, "a", "A", None, ())]
+        self._sources: list[LosingSource] = []
 
     def __enter__(self) -> Self:
         return self
@@ -356,27 +380,37 @@ class LosingDomain:
         found, self._offers = self._offers, []
         return found
 
-    def type_of(self, *_: object) -> Told:
+    def type_of(self, offer: Offer, *_: object) -> Told:
+        if offer.topic == "silent":
+            time.sleep(0.5)
+            raise UntoldType("nobody told")
         return Told("A", "@final struct A { double x; };", None)
 
     def open(self, *_: object) -> LosingSource:
-        self._opened = True
-        return self._source
+        self._sources.append(LosingSource())
+        return self._sources[-1]
 
     def wait(self, seconds: float) -> list[LosingSource]:
         time.sleep(seconds)
-        return [self._source] if self._opened else []
+        return self._sources
 
 
-def test_losses_that_dds_counts_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ident.record.recorder.Domain", LosingDomain)
+def test_losses_are_told_and_a_silent_writer_holds_up_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ident.record.recorder.Domain", PretendedDomain)
     path = tmp_path / "a.mcap"
     shown: list[Status] = []
-    request = Request(0, path, Selection(), duration=0.2)
-    status = record(request, Watch(lambda: False, shown.append, lambda _: None))
+    notes: list[str] = []
+    watch = Watch(lambda: False, shown.append, notes.append)
+    status = record(Request(0, path, Selection(), duration=1.3), watch)
     assert (status.messages, status.lost) == (1, 3)
-    assert shown[-1].topics[0].lost == 3
+    assert notes == ["recording a (A)", "refused silent (S): nobody told"]
+    assert [(topic.messages, topic.lost) for topic in shown[0].topics] == [(1, 3)]
     with path.open("rb") as file:
-        told = list(make_reader(file).iter_metadata())
-    assert json.loads(told[-1].metadata["samples_lost"]) == {"a": 3}
+        told = [each.metadata for each in make_reader(file).iter_metadata()]
+    assert json.loads(told[-1]["samples_lost"]) == {"a": 3}
+    assert json.loads(told[-1]["writers_refused"]) == [
+        {"topic": "silent", "type": "S", "reason": "nobody told"}
+    ]
     assert open_log(path).columns("a", ["x"]).values["x"].tolist() == [0.0]
