@@ -143,6 +143,11 @@ def test_only_the_report_imports_plotly() -> None:
     assert {layer_of(path) for path in MODULES if "plotly" in top_packages(path)} <= {"report"}
 
 
+def test_only_one_module_imports_cyclone_dds() -> None:
+    found = {name_of(path) for path in MODULES if "cyclonedds" in top_packages(path)}
+    assert found == {"ident/record/cyclone.py"}
+
+
 def test_the_truck_of_the_sample_logs_shares_no_code_with_the_models() -> None:
     paths = sorted((ROOT / "sample_logs").rglob("*.py"))
     assert paths, "sample_logs/generate.py is missing"
@@ -159,6 +164,7 @@ def test_the_truck_of_the_sample_logs_shares_no_code_with_the_models() -> None:
         ["evaluate", "--help"],
         ["improve", "--help"],
         ["run", "--help"],
+        ["record", "--help"],
         ["steering"],
         ["run", "recipe.yaml"],
         ["nonsense"],

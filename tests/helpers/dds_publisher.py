@@ -15,10 +15,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import dds_types as types
-from cyclonedds import _clayer
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
-from cyclonedds.idl._support import Endianness
 from cyclonedds.internal import DDS
 from cyclonedds.pub import DataWriter, Publisher
 from cyclonedds.topic import Topic
@@ -42,15 +40,12 @@ class Written:
     value: Callable[[int], Any]
     policies: tuple[Any, ...] = RELIABLE
     partition: str = ""
-    big_endian: bool = False
 
 
 WRITERS = {
     "plain": Written("plain", types.Plain, types.plain, (*RELIABLE, XCDR2)),
     "plain_xcdr1": Written("plain_xcdr1", types.Plain, types.plain, (*RELIABLE, XCDR1)),
-    "plain_big": Written("plain_big", types.Plain, types.plain, (*RELIABLE, XCDR1), big_endian=True),
     "state": Written("vehicle/state", types.State, types.state),
-    "state_big": Written("state_big", types.State, types.state, big_endian=True),
     "loose": Written("loose", types.Loose, types.loose),
     "reading": Written("rt/reading", types.Reading, types.reading, (*RELIABLE, *KEPT)),
     "reading_best_effort": Written(
@@ -103,16 +98,6 @@ def open_writer(participant: Any, told: Written) -> Any:
     return DataWriter(Publisher(participant, qos=partition), topic, qos=Qos(*told.policies))
 
 
-def write(writer: Any, told: Written, number: int, *, stamped: bool) -> None:
-    value = told.value(number)
-    if told.big_endian:  # as it would come from another processor
-        second = XCDR2 in told.policies or told.kind is types.State
-        data = value.__idl__.serialize(value, use_version_2=second, endianness=Endianness.Big)
-        assert _clayer.ddspy_write_ts(writer._ref, data, number + 1) == 0
-    else:
-        writer.write(value, timestamp=number + 1 if stamped else None)
-
-
 def main() -> None:
     domain = int(sys.argv[1])
     writers: dict[str, Any] = {}
@@ -135,7 +120,7 @@ def main() -> None:
                     raise SystemExit(f"no reader of {order['write']}")
                 time.sleep(0.01)
             for i in range(order["from"], order["to"]):
-                write(writer, told, i, stamped=order.get("stamped", False))
+                writer.write(told.value(i), timestamp=i + 1 if order.get("stamped") else None)
             writer.wait_for_acks(2_000_000_000)
         print(json.dumps(order), flush=True)  # noqa: T201 (the answer)
 
