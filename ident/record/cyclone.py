@@ -54,7 +54,7 @@ _Pointer = ctypes.c_void_p
 
 
 def _function(name: str, result: Any, *arguments: Any) -> Any:
-    function = getattr(_library, name)
+    function = _library[name]  # one of our own: the package keeps those that it looks up by attribute
     function.restype, function.argtypes = result, arguments
     return function
 
