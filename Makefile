@@ -33,7 +33,7 @@ test: $(VENV)/dev.stamp
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist loadgroup
 
 study: $(VENV)/dev.stamp
 	$(BIN)/python studies/steering_coverage.py --seeds 200 --jobs 2
@@ -42,6 +42,7 @@ study: $(VENV)/dev.stamp
 	$(BIN)/python studies/tyre_inputs.py --whole --jobs 2
 	$(BIN)/python studies/tyre_coverage.py --seeds 500 --jobs 2
 	$(BIN)/python studies/pac2002_coverage.py --seeds 500
+	$(BIN)/python studies/two_track_tandem.py
 	$(BIN)/python studies/improve_null.py --sets 100 --jobs 2
 	$(BIN)/python studies/improve_power.py --seeds 20 --jobs 2 --hours 2
 	$(BIN)/python studies/improve_whole.py --seeds 60 --jobs 2 --hours 2
