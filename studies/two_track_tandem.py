@@ -3,8 +3,8 @@
     python studies/two_track_tandem.py [--trucks 8]
 
 A truck on two tracks with two rear axles 1.35 m apart, written out by hand in plain numbers, drives two
-runs for every seed and is measured with white noise. Fitted are the bicycle, the two-track model with a single
-rear axle and the one with a tandem. Told are, for each, mean and spread of the errors of both stiffnesses and
+runs for every seed and is measured with white noise. Fitted are the bicycle, the two-track model with one
+rear axle and that with a tandem. Told are, for each, mean and spread of the errors of both stiffnesses and
 the yaw inertia in standard errors of the fit: about 0 and 1 where the model is right.
 """
 
