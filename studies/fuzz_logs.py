@@ -3,11 +3,11 @@
     python studies/fuzz_logs.py [--count 100000] [--kind KIND] [--hours H] [--table]
 
 A mutation is a seed (``tests/helpers/log_corpus.py``: small files of a format, by name) after one to
-three changes (``fuzz_mutations.py``: bits and bytes flipped, cut off, inserted, removed, blanked, swapped, repeated,
-spliced with another seed, and telling numbers written where lengths may stand). Everything that can be read
-of it is read (``fuzz_targets.py``): all topics, all their fields. A defect is
+three changes (``fuzz_mutations.py``: bits and bytes flipped, cut off, inserted, removed, blanked, swapped,
+repeated, spliced with another seed, and telling numbers written where lengths may stand). Everything that can
+be read of it is read (``fuzz_targets.py``): all topics, all their fields. A defect is
 
-* any error that is not the project's own, or one of several lines;
+* any error that is not the project's own;
 * a process that dies; more than ``CPU_CAP`` seconds of processor time; no answer within ``WALL_CAP`` seconds;
 * a peak of memory more than ``MEMORY_CAP`` bytes above what the process held before;
 * results that contradict each other, and a file that is changed, or any new file beside it.

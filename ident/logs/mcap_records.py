@@ -2,8 +2,9 @@
 
 A record is an opcode (1 byte), a length (8 bytes) and its content; chunks hold compressed records
 (https://mcap.dev/spec). Where a record makes no sense, the walk goes on at the next chunk whose header is
-consistent in itself, and says how many bytes it passed over. Of chunks and messages only the beginning is
-read: what they hold is read when it is needed.
+consistent in itself, in a file without chunks at the next message that other records follow, and says how
+many bytes it passed over. Of chunks and messages only the beginning is read: what they hold is read when it
+is needed.
 """
 
 from __future__ import annotations
@@ -37,7 +38,10 @@ _READ = {CHUNK: 64, MESSAGE: _MESSAGE_HEAD.size}
 _LANDMARK = re.compile(
     rb"\x06.{36}(?:\x00{4}|\x03\x00{3}lz4|\x04\x00{3}zstd)|\x0f\x04\x00{7}.{4}[\x02-\x0e]", re.DOTALL
 )
+# The same, or a message of less than 4 GiB: for a file without chunks.
+_LANDMARK_OR_MESSAGE = re.compile(_LANDMARK.pattern + rb"|\x05.{4}\x00{4}", re.DOTALL)
 _LANDMARK_SIZE = 64
+_CHAIN = 3
 _MESSAGE_RECORD = np.dtype(
     [
         ("opcode", "u1"),
@@ -104,7 +108,7 @@ class Statistics:
 
 def walk(file: Readable, size: int) -> Iterator[Record | Hole]:
     """Yield the records of a file of ``size`` bytes, and the holes between them."""
-    position = len(MAGIC)
+    position, chunked = len(MAGIC), False
     while size - position >= _HEAD.size:
         opcode, length = _HEAD.unpack(file.read(position, _HEAD.size))
         start = position + _HEAD.size
@@ -113,8 +117,9 @@ def walk(file: Readable, size: int) -> Iterator[Record | Hole]:
         content = file.read(start, min(held, _READ.get(opcode, held))) if sound and opcode in _WANTED else b""
         if sound and opcode == CHUNK:
             sound = _chunk_is_consistent(content, length)
+            chunked |= sound
         if not sound or held < length:
-            after = _next_landmark(file, position + 1, size)
+            after = _next_landmark(file, position + 1, size, chunked=chunked)
             if after is None and sound:
                 yield Record(opcode, position, content, held, complete=False)
                 return
@@ -140,11 +145,12 @@ def _chunk_is_consistent(content: bytes, length: int) -> bool:
     return chunk.data_offset - _HEAD.size + chunk.data_length == length and chunk.start <= chunk.end
 
 
-def _next_landmark(file: Readable, position: int, size: int) -> int | None:
-    """Find the next chunk or end of data at or after ``position``."""
+def _next_landmark(file: Readable, position: int, size: int, *, chunked: bool) -> int | None:
+    """Find the next chunk or end of data, or message outside chunks, at or after ``position``."""
+    landmark = _LANDMARK if chunked else _LANDMARK_OR_MESSAGE
     while position < size:
         window = file.read(position, _WINDOW + _LANDMARK_SIZE)
-        for match in _LANDMARK.finditer(window):
+        for match in landmark.finditer(window):
             if _is_landmark(file, position + match.start(), size):
                 return position + match.start()
         position += _WINDOW
@@ -155,8 +161,27 @@ def _is_landmark(file: Readable, position: int, size: int) -> bool:
     opcode, length = _HEAD.unpack(file.read(position, _HEAD.size))
     if opcode == DATA_END:
         return True
+    if opcode == MESSAGE:
+        return _begins_chain(file, position, size)
     head = file.read(position + _HEAD.size, _LANDMARK_SIZE)
     return length <= size - position and _chunk_is_consistent(head, length)
+
+
+def _begins_chain(file: Readable, position: int, size: int) -> bool:
+    """Whether a message and then records follow one another, up to the end of the data if that is near."""
+    for _ in range(_CHAIN):
+        head = file.read(position, _HEAD.size)
+        if len(head) < _HEAD.size:
+            return False
+        opcode, length = _HEAD.unpack(head)
+        if opcode == DATA_END:
+            return bool(length == 4)
+        if opcode not in {MESSAGE, SCHEMA, CHANNEL} or (opcode == MESSAGE and length < _MESSAGE_HEAD.size):
+            return False
+        position += _HEAD.size + length
+        if position > size:
+            return False
+    return True
 
 
 def read_chunk(content: bytes) -> ChunkHead:

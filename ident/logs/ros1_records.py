@@ -28,6 +28,7 @@ _CHUNK_MARK = b"\x04\x00\x00\x00op=\x05"
 _FURTHEST_MARK = 96
 _BLOCK = 1 << 20
 _SMALL = 512
+NO_RECORDS = "bytes in a chunk that are no records"
 
 
 @dataclass(frozen=True)
@@ -226,13 +227,16 @@ def _others(data: Buffer, start: int, stop: int) -> list[tuple[int, bytes]] | No
 
 
 def walked_contents(data: Buffer, chunk: Chunk) -> Contents:
-    """Find the messages of a chunk by going from record to record."""
+    """Find the messages of a chunk by going from record to record, over what is none by the index."""
     rows: list[tuple[int, int, int, int, int]] = []
     others: list[tuple[int, bytes]] = []
     losses: list[Loss] = []
-    position = 0
-    for record in _records(data):
-        position = record.end
+    places = [np.empty(0, np.int64), *(each[:, 1] for each in chunk.entries.values())]
+    for record in _records(data, np.unique(np.concatenate(places))):
+        if isinstance(record, Gap):
+            if chunk.complete:
+                losses.append(Loss(NO_RECORDS, chunk.offset, record.messages or None, bytes=record.bytes))
+            continue
         if record.op != MESSAGE:
             others.append((record.op, bytes(data[record.offset : record.end])))
             continue
@@ -249,21 +253,30 @@ def walked_contents(data: Buffer, chunk: Chunk) -> Contents:
             losses.append(Loss("unreadable record in a chunk", chunk.offset, bytes=size))
         else:
             rows.append(row)
-    if chunk.complete and position < len(data):
-        text = "records inside a chunk that cannot be read"
-        losses.append(Loss(text, chunk.offset, bytes=len(data) - position))
     return replace(_contents(rows), others=others, losses=losses, as_indexed=not rows and not chunk.entries)
 
 
-def _records(data: Buffer) -> Iterator[Record]:
-    """Yield the records of a chunk as long as they are complete."""
+@dataclass(frozen=True)
+class Gap:
+    """``bytes`` bytes of a chunk that are no records, in which its index lists ``messages`` messages."""
+
+    bytes: int
+    messages: int
+
+
+def _records(data: Buffer, listed: Times) -> Iterator[Record | Gap]:
+    """Yield the records of a chunk; where there is none, the gap up to the next place that is ``listed``."""
     position = 0
     while position < len(data):
         record = record_at(data, position)
-        if record is None or not record.complete:
-            return
-        yield record
-        position = record.end
+        if record is not None and record.complete:
+            yield record
+            position = record.end
+            continue
+        first, behind = np.searchsorted(listed, (position, position + 1)).tolist()
+        end = int(listed[behind]) if behind < len(listed) else len(data)
+        yield Gap(min(end, len(data)) - position, behind - first)
+        position = end
 
 
 def _contents(rows: list[tuple[int, int, int, int, int]]) -> Contents:

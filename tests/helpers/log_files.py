@@ -114,9 +114,10 @@ def write_bag(folder: Path, messages: Iterable[Message], *, sqlite: bool = False
     with writer:
         connections = {}
         for each in messages:
-            if each.topic not in connections:
-                connections[each.topic] = writer.add_connection(each.topic, each.kind, typestore=TYPES)
-            writer.write(connections[each.topic], each.time, each.data)
+            key = each.topic, each.kind
+            if key not in connections:
+                connections[key] = writer.add_connection(*key, typestore=TYPES)
+            writer.write(connections[key], each.time, each.data)
     return folder
 
 
@@ -133,13 +134,13 @@ def write_mcap(
     with path.open("wb") as file:
         writer = McapWriter(file, chunk_size=chunk_size, compression=compression, use_chunking=chunks)
         writer.start(profile="ros2")
-        channels: dict[str, int] = {}
+        channels: dict[tuple[str, str], int] = {}
         for each in messages:
-            if each.topic not in channels:
+            if (each.topic, each.kind) not in channels:
                 encoding, text = (definitions or {}).get(each.kind) or ("ros2msg", _definition(each.kind))
                 schema = writer.register_schema(each.kind, encoding, text.encode())
-                channels[each.topic] = writer.register_channel(each.topic, "cdr", schema)
-            writer.add_message(channels[each.topic], each.time, each.data, each.time)
+                channels[each.topic, each.kind] = writer.register_channel(each.topic, "cdr", schema)
+            writer.add_message(channels[each.topic, each.kind], each.time, each.data, each.time)
         writer.finish()
     return path
 
