@@ -131,8 +131,12 @@ class ChunkedStorage:
         """Read and unpack a chunk, and check it; ``Damaged`` where it is not what was written."""
         raise NotImplementedError
 
-    def _contents(self, data: Buffer, chunk: Chunk) -> Contents:
-        """Find the messages in a chunk."""
+    def _indexed(self, data: Buffer, entries: Mapping[int, Times]) -> Contents | None:
+        """Find messages by an index; None where it is not the whole truth about the data."""
+        raise NotImplementedError
+
+    def _walked(self, data: Buffer, chunk: Chunk) -> Contents:
+        """Find the messages in a chunk by going through it."""
         raise NotImplementedError
 
     def _take_others(self, chunk: Chunk, contents: Contents) -> None:
@@ -204,13 +208,8 @@ class ChunkedStorage:
             data = self._unpack(source, chunk)
         except Damaged as error:
             return _Unpacked(chunk, None, str(error))
-        contents = self._contents(data, chunk)
-        parts = [
-            (key, _part(data, contents, rows))
-            for key, numbers in enumerate(wanted)
-            if (rows := _rows(contents, numbers)) is not None
-        ]
-        return _Unpacked(chunk, contents, "", parts)
+        contents = self._indexed(data, chunk.entries) or self._walked(data, chunk)
+        return _Unpacked(chunk, contents, "", _picked(data, contents, wanted))
 
     # --- reading ----------------------------------------------------------------------------------
 
@@ -354,6 +353,15 @@ def _part(data: Buffer, contents: Contents, rows: slice | NDArray[np.intp]) -> P
     sizes = contents.sizes[rows]
     published = None if contents.published is None else contents.published[rows]
     return Part(contents.times[rows], published, sizes, slices(data, contents.begins[rows], sizes))
+
+
+def _picked(data: Buffer, contents: Contents, wanted: Sequence[Sequence[int]]) -> list[tuple[int, Part]]:
+    """Copy the messages of each wanted channel, which has these numbers."""
+    return [
+        (key, _part(data, contents, rows))
+        for key, numbers in enumerate(wanted)
+        if (rows := _rows(contents, numbers)) is not None
+    ]
 
 
 def _entry_times(chunk: Chunk, numbers: Sequence[int]) -> Times:

@@ -7,7 +7,7 @@ what is no more than ``SMALL``.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import lz4.frame
@@ -36,12 +36,17 @@ def most_bytes(packed: int) -> int:
     return max(SMALL, MOST_EXPANSION * packed)
 
 
-def decompress_chunk(data: Buffer, compression: str, size: int, crc: int) -> Buffer:
-    """Unpack an MCAP chunk to its ``size`` bytes and check its CRC-32 (0: none was written)."""
+def decompress_chunk(
+    data: Buffer, compression: str, size: int, crc: int, target: Callable[[int], memoryview]
+) -> Buffer:
+    """Unpack an MCAP chunk to its ``size`` bytes and check its CRC-32 (0: none was written).
+
+    ``target`` gives a buffer of so many bytes, which is used where that is faster.
+    """
     if size > min(most_bytes(len(data)), LARGEST_CHUNK):
         raise Damaged(f"claims to hold {size} bytes in {len(data)}")
     try:
-        raw = _unpack(data, compression, size)
+        raw = _unpack(data, compression, size, target)
     except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
         raise Damaged(f"does not unpack ({error})") from error
     if len(raw) != size:
@@ -51,10 +56,15 @@ def decompress_chunk(data: Buffer, compression: str, size: int, crc: int) -> Buf
     return raw
 
 
-def _unpack(data: Buffer, compression: str, size: int) -> Buffer:
+def _unpack(data: Buffer, compression: str, size: int, target: Callable[[int], memoryview]) -> Buffer:
     if compression == "zstd":
-        if zstandard.frame_content_size(data) > size:
+        stated = zstandard.frame_content_size(data)
+        if stated > size:
             raise Damaged(f"unpacks to more than {size} bytes")
+        if stated == size > 0:
+            raw = target(size)
+            with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+                return raw[: reader.readinto(raw)]
         return bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=size))
     if compression == "lz4":
         return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size))

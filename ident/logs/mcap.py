@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Mapping
 from pathlib import Path
 
 from ident.errors import UnusableLog
@@ -18,7 +19,7 @@ from ident.logs import mcap_records as records
 from ident.logs.chunks import Chunk, ChunkedStorage, Contents, Loose
 from ident.logs.compression import Buffer, decompress_chunk, salvage
 from ident.logs.damage import Loss, summarise
-from ident.logs.record import Channel
+from ident.logs.record import Channel, Times
 from ident.logs.source import Source, Window
 from ident.results import Damage
 
@@ -109,7 +110,10 @@ class McapStorage(ChunkedStorage):
 
     def _take_message(self, record: records.Record) -> None:
         channel, time, published, begin = records.read_message_head(record.content, 0)
-        if time < 1 << 63:
+        if time >= 1 << 63:
+            what = "message whose time is later than any clock's"
+            self._losses.append(Loss(what, record.offset, 1, bytes=record.length))
+        else:
             loose = self._loose.setdefault(channel, Loose())
             loose.times.append(time)
             loose.published.append(published if published < 1 << 63 else 0)
@@ -158,12 +162,15 @@ class McapStorage(ChunkedStorage):
 
     def _unpack(self, source: Source, chunk: Chunk) -> Buffer:
         data = source.borrow(chunk.begin, chunk.length)
-        if chunk.complete:
-            return decompress_chunk(data, chunk.compression, chunk.size, chunk.crc)
-        return salvage(data, chunk.compression)
+        if not chunk.complete:
+            return salvage(data, chunk.compression)
+        return decompress_chunk(data, chunk.compression, chunk.size, chunk.crc, source.scratch)
 
-    def _contents(self, data: Buffer, chunk: Chunk) -> Contents:
-        return records.indexed_contents(data, chunk.entries) or records.walked_contents(data, chunk.entries)
+    def _indexed(self, data: Buffer, entries: Mapping[int, Times]) -> Contents | None:
+        return records.indexed_contents(data, entries)
+
+    def _walked(self, data: Buffer, chunk: Chunk) -> Contents:
+        return records.walked_contents(data, chunk.entries)
 
     def _take_others(self, chunk: Chunk, contents: Contents) -> None:
         for opcode, content in contents.others:

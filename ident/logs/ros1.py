@@ -11,6 +11,7 @@ byte inside a value cannot be told.
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from pathlib import Path
 
 from ident.errors import UnusableLog
@@ -18,7 +19,7 @@ from ident.logs import ros1_records as records
 from ident.logs.chunks import Chunk, ChunkedStorage, Contents, Loose
 from ident.logs.compression import Buffer
 from ident.logs.damage import Loss, summarise
-from ident.logs.record import Channel
+from ident.logs.record import Channel, Times
 from ident.logs.ros1_records import Record
 from ident.logs.schema import normal
 from ident.logs.source import Source, Window
@@ -162,8 +163,11 @@ class Ros1Storage(ChunkedStorage):
     def _unpack(self, source: Source, chunk: Chunk) -> Buffer:
         return records.unpack(source.borrow(chunk.begin, chunk.length), chunk)
 
-    def _contents(self, data: Buffer, chunk: Chunk) -> Contents:
-        return records.indexed_contents(data, chunk.entries) or records.walked_contents(data, chunk)
+    def _indexed(self, data: Buffer, entries: Mapping[int, Times]) -> Contents | None:
+        return records.indexed_contents(data, entries)
+
+    def _walked(self, data: Buffer, chunk: Chunk) -> Contents:
+        return records.walked_contents(data, chunk)
 
     def _take_others(self, chunk: Chunk, contents: Contents) -> None:
         for op, content in contents.others:

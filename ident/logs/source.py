@@ -30,12 +30,19 @@ class Source:
 
     def borrow(self, place: int, size: int) -> memoryview:
         """Read bytes into a buffer of this thread, which the next call overwrites."""
-        size = max(min(size, self.size - place), 0)
-        buffer = getattr(self._own, "buffer", None)
+        target = self._kept("packed", max(min(size, self.size - place), 0))
+        return target[: os.preadv(self._file, [target], place)] if len(target) else target
+
+    def scratch(self, size: int) -> memoryview:
+        """Return a buffer of this thread to unpack to, which the next call gives again."""
+        return self._kept("unpacked", size)
+
+    def _kept(self, name: str, size: int) -> memoryview:
+        buffer = getattr(self._own, name, None)
         if buffer is None or len(buffer) < size:
-            buffer = self._own.buffer = bytearray(size)
-        view = memoryview(buffer)[:size]
-        return view[: os.preadv(self._file, [view], place)] if size else view
+            buffer = bytearray(size)
+            setattr(self._own, name, buffer)
+        return memoryview(buffer)[:size]
 
     def __enter__(self) -> Self:
         return self
