@@ -49,7 +49,7 @@ class TableLog:
         self.damage: list[Damage] = []
         parquet = _is_parquet(path)
         self.format = "parquet" if parquet else "csv"
-        table = self._read_parquet() if parquet else self._read_csv()
+        table = self._first_of_each_name(self._read_parquet() if parquet else self._read_csv())
         self._topic = "/" + re.sub(r"(\.csv|\.parquet)$", "", path.name, flags=re.IGNORECASE)
         times, used, good = _times(table, path)
         lost = int(np.count_nonzero(~good))
@@ -150,6 +150,13 @@ class TableLog:
             self.damage.append(Damage(text, len(wrong)))
         table.columns = [str(name).strip() for name in table.columns]
         return table  # type: ignore[no-any-return]
+
+    def _first_of_each_name(self, table: pd.DataFrame) -> pd.DataFrame:
+        """Leave out the columns whose name an earlier one has."""
+        again = table.columns.duplicated()
+        for name in dict.fromkeys(table.columns[again]):
+            self.damage.append(Damage(f"{self.path.name}: several columns {name!r}, only the first is read"))
+        return table.loc[:, ~again]
 
     def _check_size(self, rows: int, columns: int) -> None:
         """Refuse what would take far more memory than the file does."""
