@@ -24,6 +24,7 @@ from ident.logs.parallel import in_order
 from ident.logs.payloads import Bytes, Payloads, slices
 from ident.logs.record import Channel, Stored, Times, join_stored
 from ident.logs.source import Source
+from ident.results import Damage
 
 JOB_BYTES = 3 << 20
 PIECE_BYTES = 8 << 20
@@ -152,10 +153,13 @@ class ChunkedStorage:
             for found in unpacked:
                 self._settle(found)
 
-    @property
-    def unseen(self) -> tuple[int, int]:
-        """How many chunks were not looked at, of how many."""
-        return sum(not chunk.looked for chunk in self._chunks), len(self._chunks)
+    def _not_looked_at(self) -> list[Damage]:
+        """Say, where something is lost, how much of the file nobody has looked at."""
+        left = sum(not chunk.looked for chunk in self._chunks)
+        if not left or not self._losses:
+            return []
+        text = f"{left} of {len(self._chunks)} chunks hold nothing that is needed and were not looked at"
+        return [Damage(f"{self.path.name}: {text}: 'ident info' checks all of them")]
 
     def _counts(self) -> dict[int, int]:
         """How many messages each channel has, by its number, as far as is known."""

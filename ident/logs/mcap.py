@@ -69,7 +69,7 @@ class McapStorage(ChunkedStorage):
             damage.append(Damage(text, orphans))
         if not self._closed_properly:
             damage.append(Damage(f"{self.path.name}: has no footer, the recorder did not close it"))
-        return damage
+        return damage + self._not_looked_at()
 
     # --- opening ----------------------------------------------------------------------------------
 

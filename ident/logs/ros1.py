@@ -64,7 +64,7 @@ class Ros1Storage(ChunkedStorage):
             damage.append(Damage(text, orphans))
         if not self._closed_properly:
             damage.append(Damage(f"{self.path.name}: has no index, the recorder did not close it"))
-        return damage
+        return damage + self._not_looked_at()
 
     # --- opening ----------------------------------------------------------------------------------
 

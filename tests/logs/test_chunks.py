@@ -158,6 +158,19 @@ def test_damage_in_a_chunk_that_nobody_needs_is_told_once_it_is_looked_at(tmp_pa
     assert_the_same_by_walking(path)
 
 
+def test_where_something_is_lost_it_is_told_what_was_not_looked_at(tmp_path):
+    path = one_after_the_other(tmp_path)
+    data = bytearray(path.read_bytes())
+    data[list(index_records(data, CHUNK))[20] + 90] ^= 1
+    path.write_bytes(data)
+    log = open_log(path)
+    log.columns(ONE, ["angle"])
+    assert [item.messages_lost for item in log.damage] == [1, None]
+    assert f"{COUNT} of {2 * COUNT} chunks hold nothing that is needed" in log.damage[1].what
+    log.check()
+    assert [item.messages_lost for item in log.damage] == [1]
+
+
 def lie(path, change):
     """Change the content of the third index record of a file."""
     data = bytearray(path.read_bytes())
