@@ -255,6 +255,8 @@ class _Walker:
         element = kind.of if kind.size is None else _element(kind)
         if isinstance(element, Number) and element.enum:
             self.met_enums = True
+            if not self.enum_lengths and kind.size is not None:
+                self._refuse_length(kind)
             return self.enum_lengths
         return not isinstance(element, Number)
 
@@ -265,6 +267,17 @@ class _Walker:
             raise CdrError(f"{_text(path[:3])}... is nested more than {DEEPEST} deep")
         if self.steps > MOST_EMPTY + len(self.data):
             raise CdrError(f"has more than {MOST_EMPTY} parts that take no bytes")
+
+    def _refuse_length(self, kind: Many) -> None:
+        """Refuse an array whose length in bytes does stand before it: the message is cut off behind it."""
+        of, size = kind.of, kind.size or 0
+        while isinstance(of, Many):
+            of, size = of.of, size * (of.size or 0)
+        size *= np.dtype(of.type).itemsize if isinstance(of, Number) else 0
+        position = self.position
+        if self.end - position >= 8 and self.length() == size:
+            raise CdrError(f"an array of {size} bytes states its length")
+        self.position = position
 
     def _numbers(self, kind: Number, count: int, wanted: Wanted, path: Path) -> None:
         if count == 0:  # then there is no padding either
