@@ -88,6 +88,15 @@ def test_the_table_tells_what_others_read_of_the_same_file(monkeypatch):
     assert any(line.startswith("| mcap zstd | cut off at 50 % | run.mcap: ") for line in lines)
 
 
+def test_the_page_in_docs_holds_what_the_kept_rows_say():
+    kept = [json.loads(line) for line in damage_table.KEPT.read_text(encoding="utf-8").splitlines()]
+    assert damage_table.PAGE.read_text(encoding="utf-8") == page(kept)
+    assert {row["format"] for row in kept} == set(FORMATS)
+    for row in kept:
+        if row["damage"] != TWO_TYPES:
+            assert row["ident"] == {"right": row["can"], "wrong": 0}, row
+
+
 def some_cases(kind, folder):
     made = cases(kind, folder)
     yield "cut off at 50 %", made["cut off at 50 %"]

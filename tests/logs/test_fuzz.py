@@ -21,7 +21,7 @@ from ident.logs.record import Channel, FieldError, Stored
 from ident.logs.type_object import read_type_objects
 
 QUICK = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-FEW = 30
+FEW = 20
 ANY = 10_000_000  # numbers far from those of the study
 DAMAGED = {"no footer", "no checksums", "no summary", "active"}
 

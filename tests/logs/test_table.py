@@ -92,7 +92,7 @@ def test_of_columns_of_one_name_the_first_is_read_and_the_others_are_told(tmp_pa
     path.write_text("time,x,x,time\n0,1,5,9\n1,2,6,9\n", encoding="utf-8")
     log = open_log(path)
     columns = log.columns("/a", ["x"])
-    assert columns.values["x"].tolist() == [1, 2]
+    assert columns.values["x"].tolist() == [1, 2]  # noqa: PD011 no frame of pandas
     assert [item.what for item in log.damage] == [
         "a.csv: several columns 'x', only the first is read",
         "a.csv: several columns 'time', only the first is read",
