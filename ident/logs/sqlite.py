@@ -104,7 +104,8 @@ class SqliteStorage:
             if rows is None:
                 found = array("q")
                 for row in walk_rows(database, _select_rows, self._losses):
-                    found.extend(row)
+                    if None not in row:  # in spite of the query: SQLite believes a column that says so
+                        found.extend(row)
                 rows = np.array(found, dtype=np.int64).reshape(-1, 3)
         except UNREADABLE as error:
             raise UnusableLog(f"{self.path}: not a rosbag2 file ({error})") from error

@@ -113,7 +113,7 @@ def walk_rows(database: sqlite3.Connection, select: Select, losses: list[Loss]) 
         last = first - 1
         try:
             for row in select(database, first, limit):
-                if row[0] <= last:
+                if not isinstance(row[0], int) or row[0] <= last:
                     raise sqlite3.DatabaseError("rows are out of order")
                 if defect is not None:  # each number that is missing behind a defect is a lost message
                     defect.messages = row[0] - defect.place - 1
