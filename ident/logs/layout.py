@@ -270,9 +270,11 @@ class _Walker:
 
     def _refuse_length(self, kind: Many) -> None:
         """Refuse an array whose length in bytes does stand before it: the message is cut off behind it."""
-        of, size = kind.of, kind.size or 0
+        of: Kind = kind
+        size = 1
         while isinstance(of, Many):
-            of, size = of.of, size * (of.size or 0)
+            size *= of.size or 0
+            of = of.of
         size *= np.dtype(of.type).itemsize if isinstance(of, Number) else 0
         position = self.position
         if self.end - position >= 8 and self.length() == size:
