@@ -220,7 +220,7 @@ def make(cell: Sequence[Any]) -> list[Row]:
 def table(rows: Sequence[Row]) -> str:
     """One line a format: mutations, how they ended, and how many defects there are."""
     lines = [
-        "| format | mutations | read whole | read in part | refused | defects | CPU min |",
+        "| format | mutations | read whole | read in part | refused | defects | minutes |",
         "|---|" + "---:|" * 6,
     ]
     for kind in SEEDS:
