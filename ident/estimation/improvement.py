@@ -5,7 +5,10 @@ screen), fits the candidates that the screen names in full, and adds the one of 
 stops at the first round in which nothing is left, which keeps the level of the whole.
 
 An effect is added only if it is physically possible and no generic term of the same layer does clearly better
-than it: where one does, what is there has no name in the catalogue, and the loop ends.
+than it: where one does, what is there has no name in the catalogue, and the loop ends. But a truck may lack
+several things at once, and then a term can do better only because it takes in part of the others. Where
+effects of the catalogue still stand out beside the term, the loop goes on, and the two are compared again at
+its end, with all that was added (:func:`_contested`).
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from ident.estimation.candidate_set import Classes, candidate_set
-from ident.estimation.layer import SIZE, DoesNotFit, Layer, LayerFit, LayerScores
+from ident.estimation.layer import SIZE, DoesNotFit, Layer, LayerFit, LayerScores, Likelihood
 from ident.estimation.residual_tests import Screen, Screened, screen
 
 Array = NDArray[np.float64]
@@ -28,6 +31,7 @@ MOST_EFFECTS = 8
 
 CONTRADICTS = 5.0  # standard errors of what the sensors say by themselves
 PRACTICAL = 0.2  # of it
+EFFECT, RIVAL = "effect", "rival"
 
 Known = Mapping[str, tuple[float, float]]
 Progress = Callable[[str, int, int], None]
@@ -56,6 +60,7 @@ class Round:
 
     layer : in which something was tried, None where nothing was left
     rival : the generic term of that layer that gains most
+    contested : whether the rival did clearly better than what was added, as long as other things were missing
     """
 
     screen: Screen
@@ -65,6 +70,7 @@ class Round:
     members: tuple[str, ...]
     rival: Screened | None
     why: str
+    contested: bool = False
 
 
 @dataclass
@@ -154,6 +160,7 @@ def improve_layers(
         fit = next(t.fit for t in one.tried if t.key == one.added)
         found.fits[one.layer] = fit  # type: ignore[assignment]
         found.added.append((one.layer, one.added))
+    _without_contested(found)
     return found
 
 
@@ -243,13 +250,11 @@ def _chosen(
     classes = candidate_set(likelihoods, freedom, base=before, level=looked.level)
     best = classes.best
     tried = [_judged(one, gains, classes, best) for one in tried]
+    contested = False
     if against is not None and rival is not None:
-        other = against[1].likelihood(like)
-        both = {best: likelihoods[best], rival.key: other}
-        duel = candidate_set(
-            both, {best: freedom[best], rival.key: against[1].freedom}, base=before, level=looked.level
-        )
-        if duel.best == rival.key and best not in duel.members:
+        duel = _duel(fits[best], against[1], like, before, looked.level)
+        contested = duel.members == (RIVAL,)
+        if contested and not _stands_out(against[1], looked):
             return _unnamed(looked, layer, tried, rival, best)
     tried.sort(key=lambda one: (one.gain is None, -(one.gain or 0.0), -one.screened.statistic))
     threshold = float(chi2.isf(looked.level, max(1, freedom[best] - found.fits[layer].freedom)))
@@ -270,13 +275,74 @@ def _chosen(
         return _chosen(found, looked, layer, again, rival, known)
     tried = [replace(one, fit=fit) if one.key == best else one for one in tried]
     why = _reason(best, members, gains)
-    return Round(looked, layer, tuple(tried), best, members, rival, why)
+    return Round(looked, layer, tuple(tried), best, members, rival, why, contested)
+
+
+def _duel(effect: LayerFit, rival: LayerFit, like: LayerFit, base: Likelihood, level: float) -> Classes:
+    """Compare a fit with an effect and one with a generic term, under one noise."""
+    return candidate_set(
+        {EFFECT: effect.likelihood(like), RIVAL: rival.likelihood(like)},
+        {EFFECT: effect.freedom, RIVAL: rival.freedom},
+        base=base,
+        level=level,
+    )
+
+
+def _stands_out(fit: LayerFit, looked: Screen) -> bool:
+    """Whether an effect of the catalogue is seen beside what is in a fit."""
+    left = screen([fit.scores()], level=looked.level, draws=looked.draws)
+    return any(
+        one.effect is not None and one.untestable is None and one.p_value <= looked.level
+        for one in left.groups
+    )
+
+
+def _without_contested(found: Improvement) -> None:
+    """Take back the first effect that its rival still beats, and all that was added after it in its layer."""
+    for number, one in enumerate(found.rounds):
+        if not one.contested or one.layer is None or one.added is None or one.rival is None:
+            continue
+        if not _contested(found, one, one.layer, one.added, one.rival):
+            continue
+        layer, keys = found.layers[one.layer], found.fits[one.layer].keys
+        kept = keys[: keys.index(one.added)]
+        gone = set(keys) - set(kept)
+        base = found.base[one.layer]
+        found.fits[one.layer] = layer.fitted(kept, start=base) if kept else base
+        found.added = [each for each in found.added if each[0] != one.layer or each[1] not in gone]
+        found.rounds[number:] = [_unnamed(one.screen, one.layer, one.tried, one.rival, one.added)]
+        return
+
+
+def _contested(found: Improvement, one: Round, layer: str, key: str, rival: Screened) -> bool:
+    """Whether a generic term is still the better one where an effect stands, now that all else is there.
+
+    Where nothing is left: if all that was added since does not do clearly better than the term alone, or the
+    term does clearly better in the place of the effect. Where something is left: if the effect adds nothing
+    clear to the term.
+    """
+    fit = found.fits[layer]
+    base, level = found.base[layer].likelihood(fit), one.screen.level
+    others = [other for other in fit.keys if other != key]
+    if not found.passes:
+        without, both = (_rival_fit(found.layers[layer], fit, rival, keys) for keys in (others, fit.keys))
+        if without is None or both is None:
+            return True
+        return _duel(both[1], without[1], fit, base, level).members != (EFFECT,)
+    alone = _rival_fit(found.layers[layer], fit, rival, fit.keys[: fit.keys.index(key)])
+    if alone is not None and _duel(fit, alone[1], fit, base, level).members != (EFFECT,):
+        return True
+    instead = _rival_fit(found.layers[layer], fit, rival, others)
+    return instead is not None and _duel(fit, instead[1], fit, base, level).members == (RIVAL,)
 
 
 def _unnamed(looked: Screen, layer: str, tried: Sequence[Tried], rival: Screened, best: str) -> Round:
     """A generic term does better than the best effect: what is there has no name in the catalogue."""
     told = f"{rival.key} explains clearly more"
-    undone = tuple(replace(one, why_not=one.why_not or told, in_class=False) for one in tried)
+    undone = tuple(
+        replace(one, why_not=told if one.key == best else one.why_not or told, in_class=False)
+        for one in tried
+    )
     why = f"{told} than {best}, the nearest in the catalogue"
     return Round(looked, layer, undone, None, (), rival, why)
 
@@ -297,15 +363,20 @@ def _rival(own: Sequence[Screened], scores: LayerScores, level: float) -> Screen
     return max(generic, key=lambda one: power[columns[one.key]].max(), default=None)
 
 
-def _rival_fit(layer: Layer, fit: LayerFit, rival: Screened | None) -> tuple[Layer, LayerFit] | None:
-    """The best generic term in place of an effect, fitted in full, and the layer that knows it."""
+def _rival_fit(
+    layer: Layer, fit: LayerFit, rival: Screened | None, keys: Sequence[str] | None = None
+) -> tuple[Layer, LayerFit] | None:
+    """The best generic term in place of an effect, fitted in full, and the layer that knows it.
+
+    keys : of the effects beside it, those of the fit unless given
+    """
     if rival is None or rival.shape is None:
         return None
     with_it = layer.with_term(rival.key, rival.shape.at, fit)
     if with_it is None:
         return None
     try:
-        return with_it, with_it.fitted((*fit.keys, rival.key), start=fit)
+        return with_it, with_it.fitted((*(fit.keys if keys is None else keys), rival.key), start=fit)
     except DoesNotFit:
         return None
 

@@ -94,6 +94,40 @@ def test_an_effect_that_imitates_what_the_catalogue_lacks_is_not_named() -> None
     assert "force: g1 explains clearly more" in one.why_not
 
 
+def test_a_term_that_takes_in_part_of_several_effects_does_not_take_their_place() -> None:
+    mixed = 0.7 * column(2) + 0.5 * column(5) + 0.4 * column(6) + 0.3 * column(43)
+    truth = {"e2": 0.3, "e5": 0.25, "e6": 0.2, "e3": 0.15}
+    for seed in range(3):
+        found = improved(made_layer(truth, seed, generic={"force: g1": mixed}), seed=seed)
+        assert found.rounds[0].contested
+        assert found.rounds[0].rival.key == "force: g1"
+        assert {key for _, key in found.added} == set(truth)
+        assert found.passes
+
+
+def test_an_effect_beside_which_a_term_without_a_name_stands_is_added_and_the_rest_is_unexplained() -> None:
+    imitation = 0.8 * column(41) + 0.6 * column(42)
+    truth = {"force: g1": 0.4, "e6": 0.35}
+    layer = made_layer(truth, 4, generic={"force: g1": column(41)}, effects={"e3": imitation})
+    found = improved(layer)
+    assert found.rounds[0].contested
+    assert found.added == [("motion", "e6")]
+    assert not found.passes
+    assert found.rounds[-1].why == "force: g1 explains clearly more than e3, the nearest in the catalogue"
+
+
+def test_effects_that_add_up_to_less_than_one_term_are_taken_back() -> None:
+    shared = column(41)
+    one, other = 0.8 * shared + 0.6 * column(42), 0.5 * shared - 0.85 * column(44)
+    layer = made_layer(
+        {"force: g1": 0.6, "e6": 0.1}, 5, generic={"force: g1": shared}, effects={"e3": one, "e4": other}
+    )
+    found = improved(layer)
+    assert not {"e3", "e4"} & {key for _, key in found.added}
+    assert not found.passes
+    assert found.rounds[-1].why.startswith("force: g1 explains clearly more than e3")
+
+
 def test_the_term_that_explains_most_joins_the_fit_where_nothing_has_a_name() -> None:
     found = improved(made_layer({"e1": 0.5, "force: g2": SIZE}, 5))
     assert found.added == [("motion", "e1")]
