@@ -5,8 +5,11 @@ from __future__ import annotations
 import os
 
 import pytest
+from hypothesis import settings
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+settings.register_profile("suite", derandomize=True)  # the same examples each time
+settings.load_profile("suite")
 
 TOGETHER = {
     *("test_actuator_layer", "test_improve_measured", "test_improve_undeclared", "test_motion_effects"),

@@ -47,11 +47,12 @@ NEEDED = "is an MDF file, which asammdf reads: install it with pip install 'iden
 # What DDS calls enums, MDF calls conversions: numbers of blocks and types in ASAM MDF 4.1, 6.16 to 6.18.
 NUMBERS = range(6)
 FIXED_LENGTH, VIRTUAL = 0, 6
+WITHOUT_BYTES = {3, VIRTUAL}  # virtual channels of times among them
 TIME = 1
 TO_TEXT = {7, 8}
 FROM_TEXT = {9, 10}
 FORMULA, BITFIELD = 3, 11
-ALL_INVALID = 1
+ALL_INVALID, MAY_BE_INVALID = 1, 2
 COUNTERS_UNKNOWN = 0x01
 _FORMULA = re.compile(
     r"(?:\s|[\d.+\-*/()^,]|[eE](?=[+-]?\d)|X1?\b|(?:a?(?:sin|cos|tan)h?|exp|log10|log|ln|abs|sqrt|pow)(?=\s*\())*"
@@ -98,6 +99,7 @@ class MdfLog:
         """Times of all samples of a group [ns]."""
         group = self._group(topic)
         if topic not in self._times:
+            self._within_record(topic, group, self._mdf.masters_db[group])
             read = self._guarded(lambda: self._mdf.get_master(group))
             seconds = np.asarray(read, dtype=np.float64)
             self._times[topic] = self._start + self._finite(topic, seconds)
@@ -218,6 +220,7 @@ class MdfLog:
         group, index = self._group(topic), self._fields[topic][name]
         channel = self._mdf.groups[group].channels[index]
         _check_formulas(channel.conversion, f"{topic}, {name}")
+        self._within_record(topic, group, index)
         raw = _is_enumeration(channel.conversion)
         signal = self._guarded(
             lambda: self._mdf.get(group=group, index=index, raw=raw, ignore_invalidation_bits=True)
@@ -230,6 +233,21 @@ class MdfLog:
         if channel.flags & ALL_INVALID:
             values[:] = np.nan
         return values
+
+    def _within_record(self, topic: str, group: int, index: int) -> None:
+        """Refuse a channel that lies outside its records: compiled parts of asammdf do not look.
+
+        Raises
+        ------
+        FieldError
+            If its bytes, or its invalidation bit, are beyond the end of a record.
+        """
+        channel, record = self._mdf.groups[group].channels[index], self._mdf.groups[group].channel_group
+        size, bits = record.samples_byte_nr, 8 * record.invalidation_bytes_nr
+        end = channel.byte_offset + -(-(channel.bit_offset + channel.bit_count) // 8)
+        beyond = channel.channel_type not in WITHOUT_BYTES and end > size
+        if beyond or (channel.flags & MAY_BE_INVALID and channel.pos_invalidation_bit >= bits):
+            raise FieldError(f"{topic}, {channel.name}: lies outside its records of {size} bytes")
 
     def _finite(self, topic: str, seconds: NDArray[np.float64]) -> Times:
         """Times [ns] since the start; ``FieldError`` where one of them is none."""
