@@ -15,6 +15,10 @@ where v_0 is the variance of what is left beside and v_i that of the noise of ki
 has the mean square of r, without draws. This is linear in the variances, none of which is negative: they are
 found by weighted least squares (variance components from quadratic forms, Rao 1971,
 doi:10.1016/0047-259X(71)90001-7).
+
+What a model lacks stands in all residuals at once, too, and must not be taken for noise of its inputs. Noise
+has no edge where the motion ends: no kind may be larger than it would show in the band just above, which the
+input itself tells.
 """
 
 from __future__ import annotations
@@ -26,8 +30,9 @@ from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
-from scipy.signal import lfilter, savgol_filter
+from scipy.linalg import toeplitz
+from scipy.optimize import lsq_linear
+from scipy.signal import lfilter, savgol_coeffs, savgol_filter
 
 from ident.estimation.vehicle_records import MotionRecord, Windows
 
@@ -36,6 +41,8 @@ Array = NDArray[np.float64]
 SLOW = 0.4  # [s] time constant of the slower kind of noise
 ROUNDS = 6  # of weights and variances in turn
 LARGEST = 12.0  # times its mean: more is the work of something that is no noise
+BAND = 3.0  # times shorter a span, whose smoothing ends the band above
+PART = 2.0  # [s] of which the band above has one power; the median of these counts
 
 
 @dataclass(frozen=True)
@@ -44,6 +51,11 @@ class Smoothing:
 
     span: float
     order: int
+
+    def weights(self, period: float) -> Array:
+        """(k,) of the samples around the one that is smoothed; of that alone where nothing is."""
+        count = 2 * round(self.span / period / 2) + 1
+        return savgol_coeffs(count, self.order) if count > self.order else np.ones(1)
 
     def of(self, values: Array, period: float) -> Array:
         """(n,) or (n, c) smoothed along the first axis; what is shorter than the span stays as it is."""
@@ -63,12 +75,20 @@ class InputNoise:
     """One kind of noise of one input of the model, before it is smoothed.
 
     std : of the draws [unit of the input]; time_constant : [s], zero for white noise
+    most : largest variance that it may have, in units of its draws
     """
 
     name: str
     std: float
     time_constant: float
     smoothing: Smoothing
+    most: float = np.inf
+
+    def correlation(self, count: int, period: float) -> Array:
+        """(count,) of samples at distances of 0, 1, ... periods."""
+        if self.time_constant == 0.0:
+            return np.asarray(np.eye(1, count)[0])
+        return np.asarray(np.exp(-np.arange(count) * period / self.time_constant))
 
     def drawn(self, windows: Windows, count: int, seed: int) -> Array:
         """(N, count) of what smoothing leaves, each window on its own, on the grid of all windows.
@@ -108,8 +128,27 @@ def input_noise(records: Sequence[MotionRecord]) -> list[InputNoise]:
         taken = [getattr(one, name) - smoothing.of(getattr(one, name), one.period) for one in records]
         std = float(np.sqrt(np.mean(np.concatenate(taken) ** 2)))
         if std > 0.0:
-            made += [InputNoise(NAMES[name], std, time, smoothing) for time in (0.0, SLOW)]
+            kinds = [InputNoise(NAMES[name], std, time, smoothing) for time in (0.0, SLOW)]
+            made += [
+                replace(one, most=_most(one, [(getattr(r, name), r.period) for r in records]))
+                for one in kinds
+            ]
     return made
+
+
+def _most(noise: InputNoise, measured: Sequence[tuple[Array, float]]) -> float:
+    """Variance, in units of its draws, with which noise would have all the power in the band above."""
+    wide = replace(noise.smoothing, span=noise.smoothing.span / BAND)
+    powers, own = [], 0.0
+    for values, period in measured:
+        whole, inner = noise.smoothing.weights(period), wide.weights(period)
+        band = np.pad(inner, (whole.size - inner.size) // 2) - whole
+        own = noise.std**2 * float(band @ toeplitz(noise.correlation(band.size, period)) @ band)
+        if values.size >= band.size:
+            squares = np.convolve(values, band, "valid") ** 2
+            parts = np.array_split(squares, max(1, round(squares.size * period / PART)))
+            powers += [float(part.mean()) for part in parts]
+    return float(np.median(powers)) / own if powers and own > 0.0 else np.inf
 
 
 @dataclass(frozen=True)
@@ -117,10 +156,12 @@ class DrawnNoise:
     """What noise of the inputs does to the residuals.
 
     kind : (d,) of each draw, counted from one; rows : (n, d) of each window, whitened
+    most : of each kind, the largest variance in units of its draws
     """
 
     kind: NDArray[np.intp]
     rows: Sequence[Array]
+    most: Sequence[float] | None = None
 
     def variances(self, residuals: Sequence[Array]) -> Array:
         """(1 + kinds,) of what is left beside, in the residuals' unit, and of each kind in that of its draws.
@@ -131,10 +172,12 @@ class DrawnNoise:
         seen, moments, count = (np.concatenate(parts) for parts in zip(*windows, strict=True))
         variances = np.zeros(moments.shape[1])
         variances[0] = 1.0
+        bounds = (0.0, np.array([np.inf, *(self.most or [np.inf] * (variances.size - 1))]))
         for _ in range(ROUNDS):
             mean = np.maximum(moments @ variances, 1e-3)
             weight = np.sqrt(count) / mean
-            variances = nnls(moments * weight[:, None], np.minimum(seen, LARGEST * mean) * weight)[0]
+            target = np.minimum(seen, LARGEST * mean) * weight
+            variances = lsq_linear(moments * weight[:, None], target, bounds).x
         return variances
 
     def _seen(self, drawn: Array, residual: Array) -> tuple[Array, Array, Array]:

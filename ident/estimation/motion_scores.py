@@ -136,7 +136,7 @@ class Projection:
             for values in one.drawn(windows, OF_A_KIND, SEED).T
         ]
         kind = np.repeat(np.arange(1, len(noises) + 1), OF_A_KIND)
-        return DrawnNoise(kind, self._freed(self._whitened(probes)))
+        return DrawnNoise(kind, self._freed(self._whitened(probes)), [one.most for one in noises])
 
     def of_all_input_noise(self, noises: Sequence[InputNoise], variances: Array) -> DrawnNoise:
         """What all kinds do together, each with its variance in units of its draws; freed likewise."""
@@ -272,7 +272,7 @@ class Directions:
             return np.ones(len(self.gram))
         known = self.projection.of_input_noise(noises).variances(self.projection.residuals())
         drawn = self.projection.of_all_input_noise(noises, known[1:])
-        return np.maximum(drawn.colour(self.rows, np.array([known[0], 1.0])), 1.0)
+        return drawn.colour(self.rows, np.ones(2))  # what is left beside is white, or no noise
 
     def scores(self, residuals: Sequence[Array]) -> Array:
         """(b, c) sum over each bin of direction times residual, which is (n,) in each window."""

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from motion_case import layer_of, records
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from ident.estimation.input_noise import (
     INPUTS,
@@ -155,6 +156,31 @@ def test_the_noise_of_a_measured_speed_is_found_and_that_of_an_exact_angle_is_no
     found = variances[1:] * density
     assert found[2] + found[3] == pytest.approx(0.03**2 * period, rel=0.5)
     assert found[0] + found[1] < 1e-9, "the angle is exact"
+
+
+@pytest.mark.parametrize("constant", [0.0, SLOW])
+def test_noise_is_no_larger_than_the_input_shows_above_the_motion(constant):
+    given = []
+    for number, one in enumerate(records(count=4, seconds=24.0)):
+        random = np.random.default_rng(30 + number)
+        pole = np.exp(-one.period / constant) if constant else 0.0
+        noise = lfilter([np.sqrt(1 - pole**2)], [1, -pole], random.standard_normal(one.speed.size + 500))
+        given.append(replace(one, speed=one.speed + 0.03 * noise[500:]))
+    kind = next(
+        one
+        for one in input_noise(given)
+        if one.name == "longitudinal_velocity" and one.time_constant == constant
+    )
+    assert kind.most * kind.std**2 == pytest.approx(0.03**2, rel=0.2)
+
+
+def test_what_a_model_lacks_is_not_taken_for_noise_of_an_input_beyond_what_that_shows():
+    case, residuals, responses = drawn_case((1.0, 0.1, 0.0), 9)
+    random = np.random.default_rng(4)
+    residuals = [one + 20.0 * random.standard_normal() * responses[0][:, 5] for one in residuals]
+    assert case.variances(residuals)[1] > 1.0
+    bound = replace(case, most=[0.15, 0.05]).variances(residuals)
+    assert bound[1:] == pytest.approx([0.15, 0.05], rel=1e-3)
 
 
 def test_smoothed_records_differ_in_their_inputs_alone():
