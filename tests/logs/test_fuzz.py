@@ -70,7 +70,7 @@ def misbehave(kind, files, folder):
 
 def test_every_kind_of_defect_is_seen_and_the_next_file_is_read(tmp_path, monkeypatch):
     monkeypatch.setattr(fuzz_logs, "outcome", misbehave)
-    monkeypatch.setattr(fuzz_logs, "CPU_CAP", 0.3)
+    monkeypatch.setattr(fuzz_logs, "CPU_CAP", 1.5)
     monkeypatch.setattr(fuzz_logs, "WALL_CAP", 6.0)
     done = ["read", "foreign", "died", "slow", "memory", "silent", "damaged", "refused"]
     found = list(read_apart("csv", range(len(done)), lambda n: {"a": done[n].encode()}, tmp_path))
@@ -79,7 +79,7 @@ def test_every_kind_of_defect_is_seen_and_the_next_file_is_read(tmp_path, monkey
     assert [ends[0], *ends[-2:]] == ["read", "damaged", "refused"]
     assert ends[1].startswith("KeyError")
     assert ends[2].startswith("SIGSEGV")
-    assert ends[3].startswith("more than 0.3 s")
+    assert ends[3].startswith("more than 1.5 s")
     assert "MiB more memory" in ends[4]
     assert ends[5] == "no answer"
 
