@@ -48,7 +48,7 @@ study: $(VENV)/dev.stamp
 	$(BIN)/python studies/improve_whole.py --seeds 60 --jobs 2 --hours 2
 	$(BIN)/python studies/controller_weights.py
 	$(BIN)/python studies/damage_table.py
-	$(BIN)/python studies/fuzz_logs.py --count 100000 --hours 8
+	$(BIN)/python studies/fuzz_logs.py --count 100000 --hours 2
 	IDENT_EVERY_SET=1 $(BIN)/python -m pytest -q tests/stages/test_improve_undeclared.py
 	IDENT_KILL_ROUNDS=40 IDENT_KILL_EVERY=1 $(BIN)/python -m pytest -q tests/pipeline/test_kill.py
 

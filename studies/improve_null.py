@@ -7,8 +7,8 @@ for trucks of odd number, of ``FEW`` for the others. Kinds:
 
 * planar: the truck of the sample logs and its sensors (coloured noise, quantised);
 * another: another truck for each seed (mass, inertia, tyres, steering ratio, place of the centre of gravity);
-* colour: another truck, and another colour of the noise of every sensor: an autoregression of 0.6 to 0.95 a
-  sample with white noise of the same size on it;
+* colour: another truck, and other colours of the noise of the inertial unit, the odometry and the speed: an
+  autoregression of 0.6 to 0.95 a sample with white noise of the same size on it;
 * gusts: a coloured side force without steady part (500 N), which is noise to the loop, too;
 * actuator: request and measured angle of another truck, the layer before the motion; its fits share nothing.
 

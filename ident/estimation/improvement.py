@@ -298,7 +298,10 @@ def _stands_out(fit: LayerFit, looked: Screen) -> bool:
 
 
 def _without_contested(found: Improvement) -> None:
-    """Take back the first effect that its rival still beats, and all that was added after it in its layer."""
+    """Take back the first effect that its rival still beats, and all that was added after it in its layer.
+
+    What other layers were given stays, and so do its rounds.
+    """
     for number, one in enumerate(found.rounds):
         if not one.contested or one.layer is None or one.added is None or one.rival is None:
             continue
@@ -310,7 +313,11 @@ def _without_contested(found: Improvement) -> None:
         base = found.base[one.layer]
         found.fits[one.layer] = layer.fitted(kept, start=base) if kept else base
         found.added = [each for each in found.added if each[0] != one.layer or each[1] not in gone]
-        found.rounds[number:] = [_unnamed(one.screen, one.layer, one.tried, one.rival, one.added)]
+        elsewhere = [each for each in found.rounds[number + 1 :] if each.added and each.layer != one.layer]
+        found.rounds[number:] = [
+            *elsewhere,
+            _unnamed(one.screen, one.layer, one.tried, one.rival, one.added),
+        ]
         return
 
 

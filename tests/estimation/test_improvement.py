@@ -128,6 +128,21 @@ def test_effects_that_add_up_to_less_than_one_term_are_taken_back() -> None:
     assert found.rounds[-1].why.startswith("force: g1 explains clearly more than e3")
 
 
+def test_what_another_layer_was_given_stays_when_effects_are_taken_back() -> None:
+    shared = column(41)
+    one, other = 0.8 * shared + 0.6 * column(42), 0.5 * shared - 0.85 * column(44)
+    motion = made_layer(
+        {"force: g1": 0.6, "e6": 0.1}, 5, generic={"force: g1": shared}, effects={"e3": one, "e4": other}
+    )
+    found = improved(motion, made_layer({"e2": 0.2}, 6, name="actuator"))
+    assert ("actuator", "e2") in found.added
+    assert not {"e3", "e4"} & {key for _, key in found.added}
+    assert found.members("e2")[0] == "e2"
+    assert {layer: fit.keys for layer, fit in found.fits.items()}["actuator"] == ("e2",)
+    assert found.rounds[-1].why.startswith("force: g1 explains clearly more than e3")
+    assert not found.passes
+
+
 def test_the_term_that_explains_most_joins_the_fit_where_nothing_has_a_name() -> None:
     found = improved(made_layer({"e1": 0.5, "force: g2": SIZE}, 5))
     assert found.added == [("motion", "e1")]
