@@ -68,7 +68,8 @@ def by_ident(path: Path, case: Case) -> Recovered:
             continue
         damage += columns.damage
         pairs = zip(columns.log_time.tolist(), columns.values[field].tolist(), strict=True)
-        read.update((topic.name, time, repr(value)) for time, value in pairs)
+        recorded = topic.name.removesuffix(f" ({topic.type})")  # one of two types of a name
+        read.update((recorded, time, repr(value)) for time, value in pairs)
     log.close()
     if _state(path) != before:
         raise RuntimeError(f"{path} or its folder was changed")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +13,9 @@ import numpy as np
 from ident.errors import BadRecipe, UnusableLog
 from ident.logs.chunks import IndexLied
 from ident.logs.compression import ZSTD_MAGIC, decompress_message
-from ident.logs.decode import Decoder, make_decoder
 from ident.logs.payloads import Payloads
-from ident.logs.record import Channel, Columns, FieldError, Storage, Stored, Times, Topic
+from ident.logs.record import Columns, FieldError, Storage, Stored, Times, Topic
+from ident.logs.topics import Part, RecordedTopic, gather_topics, tell_types
 from ident.results import Damage
 from ident.yaml_file import nearest, read_yaml
 
@@ -32,23 +32,34 @@ class StoredLog:
         self.metadata: dict[str, object] = {}
         self.files = [file for storage in storages for file in storage.files]
         self._storages = storages
-        self._parts: dict[str, list[tuple[Storage, Channel]]] = {}
-        for storage in storages:
-            for channel in storage.channels:
-                self._parts.setdefault(channel.topic, []).append((storage, channel))
-        self._others = {topic: self._of_other_types(topic) for topic in self._parts}
-        self._decoder = lru_cache(maxsize=None)(self._make_decoder)
+        self._topics = gather_topics(storages, _some)
 
     @property
     def topics(self) -> list[Topic]:
         """Topics, in the order of their names, and what of them can be read, as far as is known."""
-        return [self._topic(name) for name in sorted(self._parts)]
+        found = [self._topics[name] for name in sorted(self._topics)]
+        return [Topic(each.name, each.type, each.count()) for each in found]
 
     @property
     def damage(self) -> list[Damage]:
         """What is known to be missing in the files."""
         found = [damage for storage in self._storages for damage in storage.damage]
-        return [*self.problems, *found, *self._two_types(), *_compare_counts(self, self.metadata)]
+        told = [damage for topic in self._topics.values() for damage in topic.told()]
+        return [
+            *self.problems,
+            *found,
+            *tell_types(self._topics),
+            *told,
+            *_compare_counts(self, self.metadata),
+        ]
+
+    @property
+    def recorded(self) -> dict[str, int]:
+        """Messages that can be read of each name under which any were recorded."""
+        counts: Counter[str] = Counter()
+        for topic in self._topics.values():
+            counts[topic.recorded] += topic.count()
+        return dict(counts)
 
     def check(self) -> None:
         """Look at every part of the files, so that all damage is known."""
@@ -57,16 +68,15 @@ class StoredLog:
 
     def times(self, topic: str) -> Times:
         """Log times of all messages of a topic [ns], in the order of the files."""
-        parts = [storage.times(channel) for storage, channel in self._parts_of(topic)]
-        return np.concatenate([np.empty(0, np.int64), *parts])
+        return self._topic(topic).times()
 
     def fields(self, topic: str) -> dict[str, str]:
         """Return the paths of all numbers in a message of this topic, with their types."""
-        return self._decoder(topic).fields()
+        return self._topic(topic).fields()
 
     def expand(self, topic: str, name: str) -> list[str]:
         """Return the numbers that a field stands for; ``FieldError`` where it does not exist."""
-        return self._decoder(topic).expand(name)
+        return self._topic(topic).expand(name)
 
     def columns(self, topic: str, fields: Sequence[str]) -> Columns:
         """Decode the topic once and return these fields; ``FieldError`` where one does not exist."""
@@ -74,77 +84,63 @@ class StoredLog:
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> dict[str, Columns]:
         """Read fields of several topics in one pass; ``FieldError`` where one does not exist."""
-        found: dict[str, list[Columns]] = {
-            topic: [self._decoder(topic).columns(Stored(np.empty(0, np.int64)), fields)]
-            for topic, fields in wanted.items()
-        }
-        for storage in dict.fromkeys(storage for topic in wanted for storage, _ in self._parts[topic]):
-            for topic, columns in self._read_one(storage, wanted):
-                found[topic].append(columns)
-        return {topic: _joined(topic, parts) for topic, parts in found.items()}
-
-    def _read_one(self, storage: Storage, wanted: Mapping[str, Sequence[str]]) -> list[tuple[str, Columns]]:
-        """Decode what one file holds, bit by bit; once more from its beginning if its index was wrong."""
-        channels = [c for topic in wanted for other, c in self._parts[topic] if other is storage]
-
-        def read() -> list[tuple[str, Columns]]:
-            return [
-                (
-                    channel.topic,
-                    self._decoder(channel.topic).columns(_unpacked(stored), wanted[channel.topic]),
-                )
-                for channel, stored in storage.pieces(channels)
-            ]
-
-        try:
-            return read()
-        except IndexLied:
-            return read()
+        topics = {name: self._topic(name) for name in wanted}
+        for name, fields in wanted.items():
+            for field in fields:
+                topics[name].expand(field)
+        found: dict[str, list[tuple[Storage, Columns]]] = {name: [] for name in wanted}
+        for storage in self._storages:
+            for name, columns in _read_one(storage, topics, wanted):
+                found[name].append((storage, columns))
+        return {name: topics[name].joined(found[name], fields) for name, fields in wanted.items()}
 
     def close(self) -> None:
         """Remove what was unpacked for reading."""
         for storage in self._storages:
             storage.close()
 
-    def _parts_of(self, topic: str) -> list[tuple[Storage, Channel]]:
-        if topic not in self._parts:
-            raise FieldError(f"no topic {topic!r}, {nearest(topic, self._parts)}")
-        return self._parts[topic]
+    def _topic(self, name: str) -> RecordedTopic:
+        if name not in self._topics:
+            raise FieldError(f"no topic {name!r}, {nearest(name, self._topics)}")
+        return self._topics[name]
 
-    def _some(self, topic: str) -> Stored:
-        """Messages of a topic: all, or where it has many the first."""
-        for storage, channel in self._parts_of(topic):
-            try:
-                found = next((stored for _, stored in storage.pieces([channel]) if len(stored.data)), None)
-            except IndexLied:
-                found = next((stored for _, stored in storage.pieces([channel]) if len(stored.data)), None)
-            if found is not None:
-                return _unpacked(found)
-        return Stored(np.empty(0, np.int64))
 
-    def _make_decoder(self, topic: str) -> Decoder:
-        channels = [channel for _, channel in self._parts_of(topic)]
-        defined = next((channel for channel in channels if channel.definition), channels[0])
-        return make_decoder(defined, lambda: self._some(topic))
+def _read_one(
+    storage: Storage, topics: Mapping[str, RecordedTopic], wanted: Mapping[str, Sequence[str]]
+) -> list[tuple[str, Columns]]:
+    """Decode what one file holds, bit by bit; once more from its beginning if its index was wrong."""
+    owners = {
+        id(channel): (name, channel)
+        for name, topic in topics.items()
+        for channel in topic.channels_of(storage)
+        if topic.useful(channel, wanted[name])
+    }
 
-    def _topic(self, name: str) -> Topic:
-        parts = self._parts[name]
-        return Topic(name, parts[0][1].type, sum(len(storage.times(channel)) for storage, channel in parts))
+    def read() -> list[tuple[str, Columns]]:
+        found = []
+        for channel, stored in storage.pieces([channel for _, channel in owners.values()]):
+            name, _ = owners[id(channel)]
+            found.append((name, topics[name].columns(channel, _unpacked(stored), wanted[name])))
+        return found
 
-    def _of_other_types(self, topic: str) -> list[tuple[Storage, Channel]]:
-        """Of a topic that was recorded with two types, keep the first; return the others."""
-        parts = self._parts[topic]
-        others = [part for part in parts if part[1].type != parts[0][1].type]
-        self._parts[topic] = [part for part in parts if part[1].type == parts[0][1].type]
-        return others
+    if not owners:
+        return []
+    try:
+        return read()
+    except IndexLied:
+        return read()
 
-    def _two_types(self) -> Iterator[Damage]:
-        """Messages of the types that are not read."""
-        for topic, others in self._others.items():
-            lost = sum(len(storage.times(channel)) for storage, channel in others)
-            if lost:
-                kinds = f"{self._parts[topic][0][1].type} and as {others[0][1].type}"
-                yield Damage(f"{topic}: recorded as {kinds}, only the first is read", lost)
+
+def _some(parts: Sequence[Part]) -> Stored:
+    """Messages of these channels: all, or where there are many the first."""
+    for storage, channel in parts:
+        try:
+            found = next((stored for _, stored in storage.pieces([channel]) if len(stored.data)), None)
+        except IndexLied:
+            found = next((stored for _, stored in storage.pieces([channel]) if len(stored.data)), None)
+        if found is not None:
+            return _unpacked(found)
+    return Stored(np.empty(0, np.int64))
 
 
 def _unpacked(stored: Stored) -> Stored:
@@ -156,21 +152,6 @@ def _unpacked(stored: Stored) -> Stored:
     pairs = zip(payloads, packed.tolist(), strict=True)
     data = [decompress_message(data) if data is not None and is_packed else data for data, is_packed in pairs]
     return replace(stored, data=data)
-
-
-def _joined(topic: str, parts: Sequence[Columns]) -> Columns:
-    """Put columns of one topic one behind the other, and add up what could not be decoded."""
-    times = np.concatenate([part.log_time for part in parts])
-    stamps = [part.log_time if part.header_stamp is None else part.header_stamp for part in parts]
-    stamped = any(part.header_stamp is not None for part in parts)
-    damage = [item for part in parts for item in part.damage]
-    lost = sum(item.messages_lost or 0 for item in damage)
-    return Columns(
-        times,
-        np.concatenate(stamps) if stamped else None,
-        {name: np.concatenate([part.values[name] for part in parts]) for name in parts[0].values},
-        [Damage(f"{topic}: {damage[0].what}", lost)] if damage else [],
-    )
 
 
 # --- rosbag2 --------------------------------------------------------------------------------------
@@ -265,7 +246,7 @@ def in_sequence(path: Path) -> tuple[str, int, str]:
 
 def _compare_counts(log: StoredLog, metadata: dict[str, object]) -> list[Damage]:
     """Say where the files hold less than the recorder counted."""
-    read = {topic.name: topic.messages for topic in log.topics}
+    read = log.recorded
     damage = []
     for name, counted in _counted(metadata).items():
         if counted > read.get(name, 0):

@@ -77,6 +77,10 @@ class BinaryDecoder:
         self.type = normal(channel.type)
         self._stamp = next((path for path in STAMPS if self._is_stamp(path)), None)
 
+    def is_like(self, other: BinaryDecoder) -> bool:
+        """Whether messages are decoded alike."""
+        return self._encoding == other._encoding and self._schema == other._schema
+
     def fields(self) -> dict[str, str]:
         """Return the paths of all numbers, with their types; of an array, the first elements."""
         return dict(self._numbers("", Struct(self._schema.root)))

@@ -150,10 +150,10 @@ class McapStorage(ChunkedStorage):
         return known and channels == len(self._heads) and self._counts() == messages
 
     def _resolve_channels(self) -> list[Channel]:
-        found: dict[tuple[str, str, str], Channel] = {}
+        found: dict[tuple[str, ...], Channel] = {}
         for number, (schema_number, topic, encoding) in sorted(self._heads.items()):
             type_name, definition_format, text = self._schemas.get(schema_number, ("", "", ""))
-            key = (topic, type_name, encoding)
+            key = (topic, type_name, encoding, definition_format, text)
             channel = found.setdefault(key, Channel(topic, type_name, encoding, text, definition_format))
             self._numbers.setdefault(id(channel), []).append(number)
         return list(found.values())

@@ -151,10 +151,11 @@ class Ros1Storage(ChunkedStorage):
         return indexed == self._counted and self._counts().keys() <= self._connections.keys()
 
     def _merge_connections(self) -> list[Channel]:
-        """Make one channel of all connections of a topic and type."""
-        found: dict[tuple[str, str], Channel] = {}
+        """Make one channel of all connections of a topic, type and definition."""
+        found: dict[tuple[str, ...], Channel] = {}
         for number, connection in sorted(self._connections.items()):
-            channel = found.setdefault((connection.topic, connection.type), connection)
+            key = (connection.topic, connection.type, connection.definition)
+            channel = found.setdefault(key, connection)
             self._numbers.setdefault(id(channel), []).append(number)
         return list(found.values())
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from log_files import START, angles, message, nanoseconds, plain, write_bag, write_mcap
+from log_files import START, angles, write_bag, write_mcap
 
 from ident.errors import UnusableLog
 from ident.logs import open_log
@@ -129,20 +129,6 @@ def test_a_bag_without_any_readable_file_is_refused(tmp_path):
     (folder / "run.mcap").write_bytes(b"")
     with pytest.raises(UnusableLog, match=r"nothing can be read: .*run\.mcap: is empty"):
         open_log(folder)
-
-
-def test_a_topic_recorded_with_two_types_keeps_the_first(tmp_path):
-    one = [message(TOPIC, "truck_msgs/msg/SteeringWheelAngle", nanoseconds(0.1), angle=1.0)]
-    two = [plain(TOPIC, "std_msgs/msg/Float64", nanoseconds(k), data=2.0) for k in (1, 2)]
-    first, second = tmp_path / "a_0.mcap", tmp_path / "a_1.mcap"
-    write_mcap(first, one)
-    write_mcap(second, two)
-    log = open_log(first, (first, second))
-    assert [(topic.type, topic.messages) for topic in log.topics] == [
-        ("truck_msgs/msg/SteeringWheelAngle", 1)
-    ]
-    assert log.damage[0].messages_lost == 2
-    assert "only the first is read" in log.damage[0].what
 
 
 def test_the_files_of_a_log_are_never_written(tmp_path):
