@@ -9,6 +9,7 @@ leaves out. Where one does not agree, all chunks are unpacked and their messages
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -111,10 +112,10 @@ class _Unpacked:
     parts: Sequence[tuple[int, Part]] = ()
 
 
-class ChunkedStorage:
+class ChunkedStorage(ABC):
     """What MCAP files and ROS 1 bags have in common (see ``ident.logs.record.Storage``).
 
-    A format adds ``_unpack``, ``_contents`` and ``_take_others``, and fills the chunks when it opens a file.
+    A format adds what is abstract here, and fills the chunks when it opens a file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -128,21 +129,21 @@ class ChunkedStorage:
 
     # --- what a format adds -----------------------------------------------------------------------
 
+    @abstractmethod
     def _unpack(self, source: Source, chunk: Chunk) -> Buffer:
         """Read and unpack a chunk, and check it; ``Damaged`` where it is not what was written."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _indexed(self, data: Buffer, entries: Mapping[int, Times]) -> Contents | None:
         """Find messages by an index; None where it is not the whole truth about the data."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _walked(self, data: Buffer, chunk: Chunk) -> Contents:
         """Find the messages in a chunk by going through it."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _take_others(self, chunk: Chunk, contents: Contents) -> None:
         """Take in what a chunk holds beside messages."""
-        raise NotImplementedError
 
     # --- looking at chunks ------------------------------------------------------------------------
 
