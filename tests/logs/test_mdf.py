@@ -2,6 +2,7 @@
 
 import datetime as dt
 import hashlib
+import struct
 import subprocess
 import sys
 
@@ -198,6 +199,85 @@ def test_a_channel_that_does_not_exist_is_refused_with_the_nearest(reader, tmp_p
     with pytest.raises(FieldError) as caught:
         log.columns(topic, [field])
     assert str(caught.value) == reason
+
+
+BYTE_OFFSET, BIT_COUNT, FLAGS, INVALIDATION_BIT = 4, 8, 12, 16
+"""Places in the data of a CN block."""
+
+
+def written_by_asammdf(asammdf, path):
+    """A group of three channels: times (8 bytes), x (4 bytes) and y (2 bytes) with an invalidation bit."""
+    times = np.arange(20) / 10
+    signals = [
+        asammdf.Signal(np.arange(20, dtype="<f4"), times, name="x"),
+        asammdf.Signal(np.arange(20, dtype="<u2"), times, name="y", invalidation_bits=np.arange(20) % 3 == 0),
+    ]
+    with asammdf.MDF(version="4.10") as mdf:
+        mdf.append(signals, acq_name="Vehicle", common_timebase=True)
+        mdf.save(path, overwrite=True, compression=0)
+    return path
+
+
+def description(data, name):
+    """Where the data of the CN block of a channel begin, found by the links of the blocks."""
+    place = data.find(b"##CN")
+    while place >= 0:
+        (links,) = struct.unpack_from("<Q", data, place + 16)
+        (text,) = struct.unpack_from("<Q", data, place + 24 + 8 * 2)
+        if data[text + 24 :].startswith(name.encode() + b"\0"):
+            return place + 24 + 8 * links
+        place = data.find(b"##CN", place + 1)
+    raise AssertionError(f"no channel {name}")
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "value"),
+    [
+        ("x", BYTE_OFFSET, 1 << 20),
+        ("x", BYTE_OFFSET, (1 << 32) - 1),
+        ("y", BIT_COUNT, 24),
+        ("y", BYTE_OFFSET, 13),
+        ("y", INVALIDATION_BIT, 8),
+        ("y", INVALIDATION_BIT, (1 << 32) - 1),
+        ("x", FLAGS, 2),
+        ("time", BYTE_OFFSET, 1 << 20),
+    ],
+)
+def test_a_channel_outside_its_record_is_refused_before_anything_reads_it(
+    reader, tmp_path, monkeypatch, name, place, value
+):
+    path = written_by_asammdf(reader, tmp_path / "a.mf4")
+    data = bytearray(path.read_bytes())
+    if (name, place) == ("x", FLAGS):  # "may be invalid", by a bit of a byte that no record has
+        struct.pack_into("<I", data, description(data, name) + INVALIDATION_BIT, 8)
+    struct.pack_into("<I", data, description(data, name) + place, value)
+    path.write_bytes(data)
+    log = open_log(path)
+    (topic,) = [topic.name for topic in log.topics]
+    read = []
+    for method in ("get", "get_master"):
+        original = getattr(log._mdf, method)
+        monkeypatch.setattr(
+            log._mdf, method, lambda *a, _of=original, **k: (read.append(k.get("index")), _of(*a, **k))[1]
+        )
+    asked = "x" if name == "time" else name
+    with pytest.raises(FieldError, match=rf"{name}: lies outside its records of \d+ bytes"):
+        log.columns(topic, [asked])
+    index = log._fields[topic][asked]
+    assert index not in read
+    if name != "time":
+        rest = "y" if name == "x" else "x"
+        assert len(log.columns(topic, [rest]).values[rest]) == 20
+    log.close()
+
+
+def test_a_channel_that_ends_where_its_record_ends_is_read(reader, tmp_path):
+    log = open_log(written_by_asammdf(reader, tmp_path / "a.mf4"))
+    (topic,) = [topic.name for topic in log.topics]
+    found = log.columns(topic, ["x", "y"]).values
+    assert found["x"].tolist() == list(range(20))
+    np.testing.assert_array_equal(found["y"], np.where(np.arange(20) % 3 == 0, np.nan, np.arange(20)))
+    log.close()
 
 
 def test_times_that_are_none_are_refused(reader, tmp_path):
