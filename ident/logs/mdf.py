@@ -80,6 +80,7 @@ class MdfLog:
         self._groups: dict[str, int] = {}
         self._fields: dict[str, dict[str, int]] = {}
         self._times: dict[str, Times] = {}
+        self._timed: dict[str, NDArray[np.bool_]] = {}
         self._list_groups()
         if not any(topic.messages for topic in self.topics):
             self.close()
@@ -127,7 +128,9 @@ class MdfLog:
         """Read these channels; ``FieldError`` where one does not exist or cannot be read."""
         names = [self.expand(topic, name)[0] for name in fields]
         times = self.times(topic)
-        return Columns(times, None, {name: self._values(topic, name, len(times)) for name in names})
+        timed = self._timed[topic]
+        values = {name: self._values(topic, name, len(timed))[timed] for name in names}
+        return Columns(times, None, values)
 
     def read(self, wanted: Mapping[str, Sequence[str]]) -> dict[str, Columns]:
         """Read channels of several groups."""
@@ -250,11 +253,17 @@ class MdfLog:
             raise FieldError(f"{topic}, {channel.name}: lies outside its records of {size} bytes")
 
     def _finite(self, topic: str, seconds: NDArray[np.float64]) -> Times:
-        """Times [ns] since the start; ``FieldError`` where one of them is none."""
-        wrong = int(np.count_nonzero(~(np.abs(seconds) < 1 << 33)))
-        if wrong:
+        """Times [ns] since the start, of the samples that have one; ``FieldError`` where few have."""
+        good = np.abs(seconds) < 1 << 33
+        wrong = len(good) - int(np.count_nonzero(good))
+        if 2 * wrong > len(good):
             raise FieldError(f"{topic}: {wrong} of its {len(seconds)} times are no times in seconds")
-        return np.round(seconds * 1e9).astype(np.int64)
+        if wrong:
+            first = int(np.flatnonzero(~good)[0])
+            text = f"{topic}: samples whose time is none, first at row {first + 1}"
+            self.damage.append(Damage(f"{self.path.name}: {text}", wrong))
+        self._timed[topic] = good
+        return np.round(seconds[good] * 1e9).astype(np.int64)
 
     def _guarded(self, read: Callable[[], _Found]) -> _Found:
         """Do what asammdf may fail at with any error, and may print about."""

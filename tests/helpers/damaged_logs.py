@@ -2,14 +2,17 @@
 
 Whether a message can be saved is told without a reader: its payload, which is unlike any other, is looked
 for in what is left of the file, where that is compressed in what its chunks unpack to. A chunk that was hit
-counts as lost where the format has a checksum, or compression, to tell.
+counts as lost where the format has a checksum, or compression, to tell. Of a Parquet file without its end,
+which alone says where what lies, nothing can be saved.
 """
 
 from __future__ import annotations
 
 import bz2
 import io
+import os
 import struct
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +20,7 @@ from pathlib import Path
 import lz4.frame
 import numpy as np
 import zstandard
+from damaged_tables import BESIDE, HELD, NAMES, WRITERS, csv_line, mdf_record, parquet_rows_left
 from log_corpus import active
 from log_files import ANGLE, START, TYPES, angles, message, nanoseconds, velocity, write_bag, write_mcap
 from mcap.writer import CompressionType
@@ -24,7 +28,8 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 COUNT = 1200
-NAME = {"mcap": "run.mcap", "sqlite": "run.db3", "ros1": "run.bag"}
+NAME = {"mcap": "run.mcap", "sqlite": "run.db3", "ros1": "run.bag", **NAMES}
+IN_PAGES = {"sqlite", "eprosima", "rti"}
 PAGE = 4096
 Messages = Sequence
 Span = tuple[int, int]
@@ -88,6 +93,7 @@ FORMATS: dict[str, Callable[[Path, Messages], None]] = {
     "ros1 none": _ros1("none"),
     "ros1 bz2": _ros1("bz2"),
     "ros1 lz4": _ros1("lz4"),
+    **WRITERS,
 }
 
 
@@ -137,6 +143,8 @@ def _ros1_records(data: bytes) -> list[tuple[int, Span, str, Span]]:
 
 def chunk_spans(kind: str, data: bytes) -> list[tuple[Span, str, Span]]:
     """Chunks of a sound file."""
+    if not kind.startswith(("mcap", "ros1")):
+        return []
     op = 6 if kind.startswith("mcap") else 5
     return [
         (span, compression, inner) for each, span, compression, inner in records(kind, data) if each == op
@@ -159,9 +167,11 @@ def unpacked(data: bytes, compression: str) -> bytes:
 
 def left_of(kind: str, whole: bytes, cut: int, hit: Span | None = None) -> bytes:
     """All bytes that may hold messages of a file cut off at ``cut``, without the part that was ``hit``."""
-    if kind == "sqlite":
+    if kind in IN_PAGES:
         pages = range(0, cut // PAGE * PAGE, PAGE)
         return b"".join(whole[p : p + PAGE] for p in pages if hit is None or not p <= hit[0] < p + PAGE)
+    if kind.startswith("parquet"):
+        return b""
     spans = chunk_spans(kind, whole)
     if not spans:
         return whole[:cut] if hit is None else whole[: hit[0]] + whole[hit[1] : cut]
@@ -175,8 +185,16 @@ def left_of(kind: str, whole: bytes, cut: int, hit: Span | None = None) -> bytes
 
 def saved(kind: str, messages: Messages, left: bytes) -> int:
     """How many messages are whole in the bytes that are left."""
-    payloads = [ros1_payload(each) if kind.startswith("ros1") else each.data for each in messages]
-    return sum(payload in left for payload in payloads)
+    return sum(payload(kind, each) in left for each in messages)
+
+
+def payload(kind: str, each) -> bytes:
+    """The bytes of a message in a file of this format."""
+    if kind.startswith("ros1"):
+        return ros1_payload(each)
+    if kind == "csv":
+        return csv_line(each)
+    return mdf_record(each) if kind == "mdf" else each.data
 
 
 # --- damage ---------------------------------------------------------------------------------------
@@ -207,10 +225,10 @@ def _no_footer(kind: str, whole: bytes, messages: Messages) -> Case | None:
 
 
 def _no_index(kind: str, whole: bytes, messages: Messages) -> Case | None:
-    if kind == "sqlite":
-        return None
     if kind.startswith("ros1"):
         return Case(active(whole), messages, len(messages))
+    if not kind.startswith("mcap"):
+        return None
     (end,) = [span[0] for op, span, *_ in records(kind, whole) if op == 0x0F]
     return Case(whole[:end], messages, len(messages))
 
@@ -227,19 +245,34 @@ def _active(kind: str, whole: bytes, messages: Messages) -> Case | None:
 
 def _hit(kind: str, whole: bytes, messages: Messages) -> Case:
     """Forty bytes in the middle of the file are lost: of a chunk, a record, or a page."""
-    middle = messages[len(messages) // 2]
-    if kind in {"mcap unchunked", "ros1 none", "sqlite"}:  # from the head of a record into its payload
-        place = whole.index(ros1_payload(middle) if kind == "ros1 none" else middle.data) - 31
-    else:
-        spans = [inner for _, _, inner in chunk_spans(kind, whole)]
-        place = sum(spans[len(spans) // 2]) // 2
+    if kind.startswith("parquet"):
+        return _hit_parquet(kind, whole, messages)
+    place = _place_to_hit(kind, whole, messages)
     hit = (place, place + 40)
-    if kind == "sqlite":  # the page says nothing of it: its head is hit instead
+    if kind in IN_PAGES:  # the page says nothing of it: its head is hit instead
         hit = (place // PAGE * PAGE, place // PAGE * PAGE + 40)
     data = whole[: hit[0]] + b"\xff" * 40 + whole[hit[1] :]
-    checked = kind not in {"ros1 none", "mcap unchunked"}
+    checked = kind not in {"ros1 none", "mcap unchunked", "csv", "mdf"}
     left = left_of(kind, whole, len(whole), hit) if checked else data
     return Case(data, messages, saved(kind, messages, left))
+
+
+def _place_to_hit(kind: str, whole: bytes, messages: Messages) -> int:
+    """From the head of a record into its payload, or the middle of a chunk."""
+    middle = whole.find(payload(kind, messages[len(messages) // 2]))
+    if kind in {"csv", "mdf"}:
+        return middle
+    if kind in {"mcap unchunked", "ros1 none"} | IN_PAGES:
+        return middle - 31
+    spans = [inner for _, _, inner in chunk_spans(kind, whole)]
+    return sum(spans[len(spans) // 2]) // 2
+
+
+def _hit_parquet(kind: str, whole: bytes, messages: Messages) -> Case:
+    place = len(whole) // 3
+    hit = (place, place + 40)
+    left = parquet_rows_left(Path(tempfile.gettempdir()) / f"{os.getpid()}.parquet", whole, hit)
+    return Case(whole[:place] + b"\xff" * 40 + whole[place + 40 :], messages, len(left))
 
 
 def _bad_frame(kind: str, whole: bytes, messages: Messages) -> Case | None:
@@ -317,19 +350,22 @@ def _two_clocks(messages: Messages) -> Messages:
     return [message(m.topic, ANGLE, START - 100 * 10**9 + t, time=m.time, angle=t / 1e9) for m, t in late]
 
 
+STAMPED = {"stamps of zero", "two clocks"}
+TWO_TYPES = "one topic with two types"
 ODD: dict[str, Callable[[Messages], Messages]] = {
     "messages out of order": _out_of_order,
     "time jumps back and repeats": _time_jumps,
     "stamps of zero": _stamps_zero,
     "NaN and infinity": _not_numbers,
-    "one topic with two types": _two_types,
+    TWO_TYPES: _two_types,
     "two clocks": _two_clocks,
 }
 
 
 def cases(kind: str, folder: Path) -> dict[str, Case]:
     """All damaged files of a format."""
-    messages = recording()
+    held = HELD.get(kind, list)
+    messages = held(recording())
     path = folder / file_name(kind)
     found: dict[str, Case] = {}
     FORMATS[kind](path, messages)
@@ -340,11 +376,18 @@ def cases(kind: str, folder: Path) -> dict[str, Case]:
         if case is not None:
             found[name] = case
     for name, change in ODD.items():
-        changed = list(change(messages))
+        if kind in HELD and (name == TWO_TYPES or (name in STAMPED and kind != "rti")):
+            continue  # it has no such thing
+        changed = held(list(change(recording())))
         FORMATS[kind](path, changed)
         found[name] = Case(path.read_bytes(), changed, len(changed))
         path.unlink()
     return found
+
+
+def beside(kind: str) -> dict[str, bytes]:
+    """Files without which a recording of this format cannot be decoded."""
+    return BESIDE.get(kind, {})
 
 
 def truth(messages: Messages) -> dict[tuple[str, int, str], int]:

@@ -254,7 +254,7 @@ def csv_seeds(_: Path) -> Iterator[Seed]:
     csv.writer(text, delimiter=";").writerows(rows)
     yield Seed("dates", {"a.csv": text.getvalue().encode()})
     lines = ["sec,nanosec,x", *(f"{1_700_000_000 + k},{k},{k / 3}" for k in range(20))]
-    yield Seed("sec and nanosec", {"a.csv": "\r\n".join(lines).encode("utf-8-sig")})
+    yield Seed("sec and nanosec", {"a.csv": "\r\n".join([*lines, ""]).encode("utf-8-sig")})
 
 
 def parquet_seeds(folder: Path) -> Iterator[Seed]:

@@ -280,11 +280,24 @@ def test_a_channel_that_ends_where_its_record_ends_is_read(reader, tmp_path):
     log.close()
 
 
-def test_times_that_are_none_are_refused(reader, tmp_path):
+def test_samples_whose_time_is_none_are_left_out_and_counted(reader, tmp_path):
     odd = other("Odd")
     odd.channels[0].values = np.where(np.arange(100) == 3, np.nan, np.arange(100.0))
     log = open_log(write_mdf(tmp_path / "a.mf4", [odd], START))
-    with pytest.raises(FieldError, match="/Odd: 1 of its 100 times are no times in seconds"):
+    kept = [k for k in range(100) if k != 3]
+    columns = log.columns("/Odd", ["x"])
+    assert columns.values["x"].tolist() == kept
+    assert columns.log_time.tolist() == [START + k * 10**9 for k in kept]
+    assert [(item.what, item.messages_lost) for item in log.damage] == [
+        ("a.mf4: /Odd: samples whose time is none, first at row 4", 1)
+    ]
+
+
+def test_a_group_of_which_few_samples_have_a_time_is_refused(reader, tmp_path):
+    odd = other("Odd")
+    odd.channels[0].values = np.where(np.arange(100) < 51, np.nan, np.arange(100.0))
+    log = open_log(write_mdf(tmp_path / "a.mf4", [odd], START))
+    with pytest.raises(FieldError, match="/Odd: 51 of its 100 times are no times in seconds"):
         log.columns("/Odd", ["x"])
     log.check()
     assert log.damage[0].messages_lost == 100

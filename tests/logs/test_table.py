@@ -49,11 +49,10 @@ def test_rows_that_are_cut_or_without_time_are_counted(tmp_path):
     values = log.columns("/run", ["a"]).values["a"]  # noqa: PD011 no frame of pandas
     assert (values[0], values[2]) == (1.0, 6.0)
     assert values[1] != values[1]
-    assert sorted(
-        (item.what.split(": ")[1].split(" that")[0], item.messages_lost) for item in log.damage
-    ) == [
-        ("rows", 1),
-        ("rows without a time", 1),
+    assert [(item.what.removeprefix("run.csv: "), item.messages_lost) for item in log.damage] == [
+        ("rows that have not the 3 cells of the first line, first at row 3", 1),
+        ("rows without a time, first at row 3", 1),
+        ("column 'a' holds 1 cells that are no numbers, first at row 2", None),
     ]
 
 
@@ -61,7 +60,8 @@ def test_rows_that_are_cut_or_without_time_are_counted(tmp_path):
     ("text", "reason"),
     [
         ("a,b\n1,2\n", "no column of times among 'a', 'b'"),
-        ("time,b\n5,1\n4,2\n3,3\n", "rise in 0 % of the rows"),
+        ("t,b\n5,1\n4,2\n3,3\n", "rise in 0 % of the rows"),
+        ("time,b\n5,1\n5,2\n5,3\n", "rise in 100 % of the rows"),
         ("time,b\n1,1\n", "1 rows with a time, need at least 2"),
         ("time,b\n0,1\n20,2\n40,2\n", "are 20 s apart, need at most 10 s"),
         ("hello\nworld\n", "no table"),
@@ -97,3 +97,57 @@ def test_of_columns_of_one_name_the_first_is_read_and_the_others_are_told(tmp_pa
         "a.csv: several columns 'x', only the first is read",
         "a.csv: several columns 'time', only the first is read",
     ]
+
+
+def said(log):
+    return [(item.what.removeprefix("run.csv: "), item.messages_lost) for item in log.damage]
+
+
+def test_a_last_line_without_its_end_may_be_cut_off_and_is_left_out(tmp_path):
+    log = open_log(table(tmp_path, "time,a\n0,1.25\n1,2.25\n2,3.2"))
+    assert log.columns("/run", ["a"]).values["a"].tolist() == [1.25, 2.25]  # noqa: PD011 no frame
+    assert said(log) == [("the last line has no end and may be cut off, it is left out, at row 3", None)]
+
+
+@pytest.mark.parametrize("text", ["time_ns,a\n{}", "timestamp,a\n{}"])
+def test_one_bad_cell_among_many_costs_no_other_and_times_stay_exact(tmp_path, text):
+    first = 1_700_000_000_000_000_001
+    rows = [f"{first + k * 10**7},{k / 8}" for k in range(100_000)]  # more than one block of the reader
+    rows[90_000] = f"{first + 90_000 * 10**7},\ufffd\ufffd"
+    rows[95_000] = "\ufffd,7.0"
+    path = table(tmp_path, "")
+    path.write_bytes(text.format("\n".join([*rows, ""])).encode("latin-1", "replace").replace(b"?", b"\xff"))
+    log = open_log(path)
+    kept = [k for k in range(100_000) if k != 95_000]
+    assert log.times("/run").tolist() == [first + k * 10**7 for k in kept]
+    values = log.columns("/run", ["a"]).values["a"].tolist()  # noqa: PD011 no frame
+    assert [k for k, value in zip(kept, values, strict=True) if value != k / 8] == [90_000]
+    assert [what.partition(", first")[0] for what, _ in said(log)] == [
+        "bytes that are no UTF-8 text",
+        "rows without a time",
+        "column 'a' holds 1 cells that are no numbers",
+    ]
+    assert [count for _, count in said(log)] == [None, None, None]
+
+
+def test_zeros_at_the_end_of_a_file_cost_nothing_else(tmp_path):
+    path = table(tmp_path, "time,a\n0,1\n1,2\n")
+    size = path.stat().st_size
+    path.write_bytes(path.read_bytes() + bytes(5000))
+    log = open_log(path)
+    assert log.times("/run").tolist() == [0, 10**9]
+    assert said(log) == [(f"bytes that are no UTF-8 text, first at byte {size}", None)]
+
+
+def test_rows_with_falling_times_are_put_in_order_where_they_can_only_be_times(tmp_path):
+    log = open_log(table(tmp_path, "time,a\n3,30\n2,20\n1,10\n"))
+    assert log.times("/run").tolist() == [10**9, 2 * 10**9, 3 * 10**9]
+    assert log.columns("/run", ["a"]).values["a"].tolist() == [10, 20, 30]  # noqa: PD011 no frame
+    assert said(log) == [("the times in 'time' rise in 0 % of the rows, which are put in their order", None)]
+
+
+def test_a_column_of_numbers_none_of_which_is_finite_is_read(tmp_path):
+    log = open_log(table(tmp_path, "time,a\n1,inf\n2,nan\n3,-inf\n"))
+    values = log.columns("/run", ["a"]).values["a"]  # noqa: PD011 no frame
+    assert str(values.tolist()) == "[inf, nan, -inf]"
+    assert log.damage == []
