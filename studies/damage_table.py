@@ -5,9 +5,9 @@
 One recording of 1200 messages in every format (1000 in CSV and Parquet, which hold one topic), damaged in
 every way (``tests/helpers/damaged_logs.py``, which also says from the bytes alone how many messages can be
 saved: of a Parquet file without its end, which describes it, none). A message counts as read where its log
-time and its value are those that were recorded; what came out otherwise is told as wrong. rosbags gets a folder
-with a sound metadata.yaml where the format has one, mcap the better of its two readers in the order of the
-file; what they read before they stop with an error counts.
+time and its value are those that were recorded; what came out otherwise is told as wrong. rosbags gets a
+folder with a sound metadata.yaml where the format has one, mcap the better of its two readers in the order of
+the file; what they read before they stop with an error counts.
 """
 
 from __future__ import annotations
