@@ -93,8 +93,9 @@ class ActuatorLayerFit:
         directions += basis_directions(self.problem, self.fit, self.speed)
         return scores_of(self.problem, self.linearised, self.fit.noise, directions, self.signal)
 
-    def likelihood(self, like: LayerFit | None = None) -> Likelihood:
+    def likelihood(self, like: LayerFit | None = None, *, roughly: bool = False) -> Likelihood:
         """See :class:`~ident.estimation.layer.LayerFit`."""
+        del roughly  # exactly is quick
         other = self if like is None else like
         if not isinstance(other, ActuatorLayerFit):
             raise TypeError("a fit of another layer")

@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 SURVIVORS = 5
 MOST_EFFECTS = 8
 
+BEHIND, KEPT = 50.0, 0.5  # 2 log likelihood, and part of the gain: further behind the best is out of reach
+
 CONTRADICTS = 5.0  # standard errors of what the sensors say by themselves
 PRACTICAL = 0.2  # of it
 EFFECT, RIVAL = "effect", "rival"
@@ -243,7 +245,9 @@ def _chosen(
     rough = {key: float(fit.likelihood(fit).values.sum()) for key, fit in fits.items()}
     like = fits[max(rough, key=lambda key: rough[key])].renoised()
     before = found.fits[layer].likelihood(like)
-    likelihoods = {key: fit.likelihood(like) for key, fit in fits.items()}
+    behind = {key: max(rough.values()) - one for key, one in rough.items()}
+    far = max(BEHIND, (1 - KEPT) * (max(rough.values()) - float(found.fits[layer].likelihood().values.sum())))
+    likelihoods = {key: fit.likelihood(like, roughly=behind[key] > far) for key, fit in fits.items()}
     gains = {key: float(one.values.sum() - before.values.sum()) for key, one in likelihoods.items()}
     freedom = {key: fit.freedom for key, fit in fits.items()}
     against = _rival_fit(found.layers[layer], found.fits[layer], rival)

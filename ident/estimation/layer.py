@@ -120,8 +120,11 @@ class LayerFit(Protocol):
         """Scores of every candidate that is not in the fit, and of the generic basis."""
         ...
 
-    def likelihood(self, like: LayerFit | None = None) -> Likelihood:
-        """By the noise of this fit, or of another one of the same layer."""
+    def likelihood(self, like: LayerFit | None = None, *, roughly: bool = False) -> Likelihood:
+        """By the noise of this fit, or of another one of the same layer.
+
+        roughly : to first order in what another noise changes, where that is quicker
+        """
         ...
 
     def estimates(self) -> dict[str, EffectEstimate]:

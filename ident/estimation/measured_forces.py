@@ -23,8 +23,8 @@ from scipy.signal import lfilter
 from scipy.stats import t as student
 
 from ident.dynamics.tyres import evaluate
+from ident.estimation.coordinates import Coordinate
 from ident.estimation.tyre_fit import Axles, Body, axles_of, coordinates_of
-from ident.estimation.vehicle_problem import Coordinate
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -22,10 +22,10 @@ from ident.dynamics.effects.steering_ratio_nonlinearity import STEERING_RATIO_NO
 from ident.dynamics.effects.tyre_relaxation import LENGTH, TYRE_RELAXATION
 from ident.dynamics.effects.wheel_speed_scale import WHEEL_SPEED_SCALE
 from ident.dynamics.parameter import Parameter
+from ident.estimation.coordinates import Coordinate, RunTerm
 from ident.estimation.layer import EffectCard
 from ident.estimation.tyre_fit import BANK, MISALIGNED, SENSOR_BIAS, STEERING_OFFSET
 from ident.estimation.vehicle_inputs import InputBlock, LateAngle, LinkagePlay
-from ident.estimation.vehicle_problem import Coordinate, RunTerm
 
 Array = NDArray[np.float64]
 

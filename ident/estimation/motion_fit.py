@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.dynamics.effects.catalogue import CATALOGUE
+from ident.estimation.coordinates import Coordinate
 from ident.estimation.input_noise import InputNoise
 from ident.estimation.layer import LayerFit, LayerScores, Likelihood
 from ident.estimation.motion_effects import (
@@ -30,7 +31,6 @@ from ident.estimation.vehicle_fit import (
     shift_by_run,
 )
 from ident.estimation.vehicle_point import VehiclePoint
-from ident.estimation.vehicle_problem import Coordinate
 from ident.results import EffectEstimate, Estimate
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ class MotionFit:
             noise, _ = identify_noise(point, self.layer.floor, keep_order=known or number > 1)
             changed = max(abs(noise[n].std / point.noise[n].std - 1) for n in noise)
             known = known and changed < OTHER_NOISE
-            point = replace(point, noise=noise)
+            point = point.with_noise(noise)
             if changed < SAME_NOISE:
                 break
         return MotionFit(self.layer, self.keys, minimised(point))
@@ -99,13 +99,24 @@ class MotionFit:
         noises = self.layer.input_noise if noises is None else noises
         return motion_directions(self.point, self.projection, candidates, self.layer.body, noises)
 
-    def likelihood(self, like: LayerFit | None = None) -> Likelihood:
+    def likelihood(self, like: LayerFit | None = None, *, roughly: bool = False) -> Likelihood:
         """See :class:`~ident.estimation.layer.LayerFit`."""
-        projection, like = self.projection, motion_fit_or_none(like)
-        if like is not None and like.point.noise is not self.point.noise:
-            point = minimised(replace(self.point, noise=like.point.noise))
-            projection = Projection(point)
-        return Likelihood(projection.bins.run, projection.bins.time, projection.likelihood())
+        like = motion_fit_or_none(like)
+        if like is None or like.point.noise is self.point.noise:
+            return self.projection.likelihood()
+        weighed = self.point.with_noise(like.point.noise)
+        if roughly:
+            projection = Projection(weighed)
+            return projection.likelihood(projection.residuals())
+        key = id(like.point)
+        if key not in self._adapted:
+            self._adapted[key] = (like.point, Projection(minimised(weighed)).likelihood())
+        return self._adapted[key][1]
+
+    @cached_property
+    def _adapted(self) -> dict[int, tuple[VehiclePoint, Likelihood]]:
+        """By the noise of other points, which are kept so that their identity is theirs alone."""
+        return {}
 
     @property
     def is_far(self) -> bool:

@@ -21,8 +21,10 @@ from ident.dynamics.effects.load_transfer import HEIGHT
 from ident.dynamics.effects.probes import PROBES
 from ident.dynamics.effects.tyre_relaxation import LENGTH, shortest_length
 from ident.dynamics.engine import Engine, compiled
+from ident.dynamics.tyres import tyre_of
+from ident.estimation.coordinates import Coordinate, RunTerm
 from ident.estimation.input_noise import InputNoise, input_noise, with_smooth_inputs
-from ident.estimation.layer import SIZE, DoesNotFit, EffectCard, HeldOut, LayerFit, Likelihood
+from ident.estimation.layer import SIZE, DoesNotFit, EffectCard, HeldOut, LayerFit
 from ident.estimation.motion_basis import pushed_by, trajectory_of
 from ident.estimation.motion_effects import (
     LEAD,
@@ -40,13 +42,13 @@ from ident.estimation.motion_starts import (
     settled,
     terms_of_runs,
 )
-from ident.estimation.tyre_fit import BANK, SENSOR_BIAS, WINDOW, Body, coordinates_of
+from ident.estimation.tyre_fit import AXLES, BANK, SENSOR_BIAS, WINDOW, Body, coordinates_of
 from ident.estimation.vehicle_fit import (
     rough_point,
 )
 from ident.estimation.vehicle_inputs import Around
 from ident.estimation.vehicle_point import VehiclePoint
-from ident.estimation.vehicle_problem import Coordinate, RunTerm, VehicleProblem
+from ident.estimation.vehicle_problem import VehicleProblem
 from ident.estimation.vehicle_records import MotionRecord, Windows, cut
 from ident.results import Refusal
 
@@ -143,7 +145,8 @@ class MotionLayer:
             {signal: name for effect in effects for signal, name in (effect.late or {}).items()},
             {key: self._pushes(key) for key in generic},
         )
-        return VehicleProblem(engine, self.windows, coordinates, fixed, terms, around)
+        tyres = {axle: (tyre_of(KIND), self.body.load(axle)) for axle in AXLES}
+        return VehicleProblem(engine, self.windows, coordinates, fixed, terms, around, tyres)
 
     def _effects(self, keys: Sequence[str]) -> list[MotionEffect]:
         """Those of the keys that are no generic terms."""
@@ -200,7 +203,7 @@ class MotionLayer:
         if noise is None:
             first = rough_point(problem, points[0].shared)
             return MotionFit(self, tuple(keys), first).renoised()
-        tried = [minimised(point) for point in points if np.isfinite(point.value)]
+        tried = [minimised(point) for point in points if np.isfinite(point.value) and point.smooth]
         if not tried:
             raise DoesNotFit(f"the model blows up with {', '.join(keys)}")
         return MotionFit(self, tuple(keys), min(tried, key=lambda point: point.value))
@@ -293,11 +296,10 @@ class MotionLayer:
 def _errors(point: VehiclePoint) -> HeldOut:
     residuals = point.residuals
     windows = point.problem.windows
-    bins = Projection(point)
     return HeldOut(
         errors={name: one.residual for name, one in residuals.items()},
         modelled={name: one.samples.values - one.residual for name, one in residuals.items()},
         run={name: windows.run[one.samples.window] for name, one in residuals.items()},
         time={name: one.samples.times for name, one in residuals.items()},
-        likelihood=Likelihood(bins.bins.run, bins.bins.time, bins.likelihood()),
+        likelihood=Projection(point).likelihood(),
     )

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ident.dynamics.driver_text import UPSTREAM
 from ident.estimation.elimination import eliminate, inverse_of
 from ident.estimation.input_noise import DrawnNoise, InputNoise
-from ident.estimation.layer import BIN
+from ident.estimation.layer import BIN, Likelihood
 from ident.estimation.noise import Linearised
 from ident.estimation.vehicle_inputs import Probe
 from ident.estimation.vehicle_point import VehiclePoint
@@ -236,10 +236,13 @@ class Projection:
         sizes = [int(b[number + 1] - b[number]) for b in self._places.values()]
         return np.repeat(np.arange(len(sizes)), sizes).astype(np.intp)
 
-    def likelihood(self) -> Array:
-        """(b,) minus the sum of squared whitened residuals: 2 log likelihood but for a constant."""
-        power, _ = self.power()
-        return np.asarray(-power.sum(axis=1))
+    def likelihood(self, residuals: Sequence[Array] | None = None) -> Likelihood:
+        """Minus the sum of squared whitened residuals: 2 log likelihood but for a constant.
+
+        residuals : as in :meth:`power`
+        """
+        power, _ = self.power(residuals)
+        return Likelihood(self.bins.run, self.bins.time, -power.sum(axis=1))
 
     def mean(self, values: Array) -> Array:
         """(b,) mean over each bin of values (N,) on the grid of all windows."""

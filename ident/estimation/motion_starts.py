@@ -26,7 +26,7 @@ def begun_states(problem: VehicleProblem, effects: Sequence[MotionEffect], befor
     begins = {s: o for effect in effects for part in effect.parts for s, o in part.begins.items()}
     if not begins or before.problem.windows is not problem.windows:
         return made
-    _, outputs = before.problem.simulate(before.shared, before.of_runs, before.local)
+    outputs = before.outputs
     first = problem.windows.offsets[:-1]
     for state, output in begins.items():
         if state not in before.problem.engine.states:
@@ -67,7 +67,7 @@ def minimised(point: VehiclePoint) -> VehiclePoint:
 def settled(point: VehiclePoint) -> VehiclePoint:
     """Initial states adapted, all else as it is."""
     known = point.noise
-    point = replace(point, noise={name: known[name] for name in point.problem.compared if name in known})
+    point = point.with_noise({name: known[name] for name in point.problem.compared if name in known})
     nothing = np.zeros(len(point.problem.run_terms) + point.shared.size)
     for _ in range(SETTLING):
         steps = np.array([window.step(nothing) for window in point.windows])

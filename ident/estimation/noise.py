@@ -18,7 +18,6 @@ from typing import Protocol
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_discrete_lyapunov
 
 Array = NDArray[np.float64]
 
@@ -118,14 +117,25 @@ class AutoRegression:
 
     @cached_property
     def _initial_inverse(self) -> Array:
-        """Inverse factor of the covariance of the first samples, in the order of time: it, read backwards."""
-        return np.ascontiguousarray(
-            np.linalg.inv(np.linalg.cholesky(self.stationary_covariance()[::-1, ::-1]))
-        )
+        """Inverse factor of the covariance of the first samples, in the order of time.
+
+        Row k predicts a sample from the k before it and divides what is left by its size. The predictors of
+        lower order follow from the whole one by the recursion of Levinson and Durbin, taken backwards, which
+        stays exact where poles crowd at the border and the covariance cannot be inverted.
+        """
+        order = self.coefficients.size
+        made, own, variance = np.zeros((order, order)), self.coefficients, 1.0
+        for k in range(order - 1, -1, -1):
+            last = own[k]
+            own = (own[:k] + last * own[:k][::-1]) / (1.0 - last**2)
+            variance /= 1.0 - last**2
+            made[k, :k] = -own[::-1] / np.sqrt(variance)
+            made[k, k] = 1.0 / np.sqrt(variance)
+        return made
 
     def total_over_innovations(self) -> float:
         """See :class:`NoiseShape`."""
-        return float(np.sqrt(self.stationary_covariance()[0, 0]))
+        return float(1.0 / self._initial_inverse[0, 0]) if self.coefficients.size else 1.0
 
     def close_to(self, other: NoiseShape) -> bool:
         """See :class:`NoiseShape`."""
@@ -133,16 +143,9 @@ class AutoRegression:
             return False
         return bool(np.abs(other.coefficients - self.coefficients).max(initial=0.0) < 1e-3)
 
-    def stationary_covariance(self) -> Array:
-        """(max(p, 1),) squared covariance of successive samples, innovations of variance one."""
-        order = self.coefficients.size
-        if order == 0:
-            return np.ones((1, 1))
-        companion = np.eye(order, k=-1)
-        companion[0] = self.coefficients
-        push = np.zeros((order, order))
-        push[0, 0] = 1.0
-        return np.asarray(solve_discrete_lyapunov(companion, push))
+    def log_determinant(self) -> float:
+        """Of the covariance of the first p samples, innovations of variance one."""
+        return -2.0 * float(np.log(np.diag(self._initial_inverse)).sum())
 
     def largest_pole(self) -> float:
         """Radius of the outermost pole; the noise is stationary below one."""

@@ -139,6 +139,11 @@ class _State:
     def value(self) -> float:
         return _white_sum(self.records, self.shape, self.std)
 
+    @property
+    def smooth(self) -> bool:
+        """See :class:`~ident.estimation.gauss_newton.Point`."""
+        return all(bool(np.isfinite(record.columns()).all()) for record in self.records)
+
     @cached_property
     def reduced(self) -> list[Eliminated]:
         return [_reduce(record, self.shape, self.std) for record in self.records]

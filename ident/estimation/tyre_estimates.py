@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from ident.dynamics.tyres import evaluate
+from ident.estimation.coordinates import Coordinate
 from ident.estimation.tyre_fit import AXLES, KindFit
 from ident.estimation.vehicle_fit import to_fixed
-from ident.estimation.vehicle_problem import STEERING_RATIO, Coordinate
+from ident.estimation.vehicle_problem import STEERING_RATIO
 from ident.results import AxleCurve, Estimate, Status, TyreFit
 
 Array = NDArray[np.float64]
@@ -109,7 +110,7 @@ def tyre_fit(found: KindFit, known: Uncertainty, criterion: float) -> TyreFit:
 def excited_slip(found: KindFit) -> dict[str, list[float]]:
     """Lowest and highest slip angle of each axle [rad], one in a thousand apart at either end."""
     point = found.fit.point
-    _, outputs = found.problem.simulate(point.shared, point.of_runs, point.local)
+    outputs = point.outputs
     made = {}
     for axle in AXLES:
         slip = outputs[:, found.problem.engine.outputs.index(f"{axle}_slip_angle")]

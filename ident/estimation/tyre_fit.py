@@ -28,10 +28,11 @@ from ident.dynamics.constants import GRAVITY
 from ident.dynamics.engine import compiled
 from ident.dynamics.parameter import Parameter
 from ident.dynamics.tyres import Stiffness, Tyre, by_name, stiffness, tyre_of
+from ident.estimation.coordinates import Coordinate, RunTerm
 from ident.estimation.noise import NoiseModel
 from ident.estimation.vehicle_fit import VehicleFit, fit_vehicle, inflation
 from ident.estimation.vehicle_point import VehiclePoint
-from ident.estimation.vehicle_problem import Coordinate, RunTerm, VehicleProblem
+from ident.estimation.vehicle_problem import VehicleProblem
 from ident.estimation.vehicle_records import MotionRecord, Windows, cut
 from ident.results import TyreKind
 
@@ -267,7 +268,8 @@ def _problem(
         fixed |= dict.fromkeys(BANK, 0.0)
     coordinates = coordinates_of(axles, body, reference=_reference_is_open(records))
     model = compiled(bicycle(*(by_name(tyre) for tyre in (axles.front, axles.rear))))
-    return VehicleProblem(model, windows, coordinates, fixed, terms)
+    tyres = {axle: (axles.of(axle), body.load(axle)) for axle in AXLES}
+    return VehicleProblem(model, windows, coordinates, fixed, terms, tyres=tyres)
 
 
 def _bank_terms(records: Sequence[MotionRecord]) -> list[RunTerm]:

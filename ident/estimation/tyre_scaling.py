@@ -132,7 +132,7 @@ def _not_told(trial: KindFit) -> dict[str, str]:
 
 def _reason(axle: str, told: float, trial: KindFit) -> str:
     point, problem = trial.fit.point, trial.problem
-    _, outputs = problem.simulate(point.shared, point.of_runs, point.local)
+    outputs = point.outputs
     slip = np.abs(outputs[:, problem.engine.outputs.index(f"{axle}_slip_angle")])
     size = f"{told:.2g}" if told < 100 else "more than 100"
     return (

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from ident.estimation.coordinates import Coordinate
 from ident.estimation.elimination import eliminate, inverse_of, triangle_of
 from ident.estimation.gauss_newton import minimise
 from ident.estimation.noise import AutoRegression, Linearised, NoiseModel, correlation_length
@@ -33,7 +34,6 @@ from ident.estimation.vehicle_point import VehiclePoint, white_noise
 from ident.estimation.vehicle_problem import (
     ALONG,
     STEERING_RATIO,
-    Coordinate,
     Residuals,
     VehicleProblem,
 )
@@ -146,7 +146,7 @@ def fit_vehicle(
             break
         renewed, capped = identify_noise(point, floor or {}, keep_order=number >= FREE_ROUNDS)
         settled = all(_alike(renewed[name], point.noise[name]) for name in renewed)
-        point = replace(point, noise=renewed)
+        point = point.with_noise(renewed)
         if settled:
             break
     fit = _fit(point, capped, converged=converged)
@@ -178,7 +178,7 @@ def _least_squares(fit: VehicleFit, floor: Mapping[str, float]) -> VehicleFit:
         settled = all(abs(noise[name].std / point.noise[name].std - 1) < SAME_WEIGHTS for name in noise)
         if settled and converged:
             break
-        point, _, converged = minimise(replace(point, noise=noise), negligible=NEGLIGIBLE)
+        point, _, converged = minimise(point.with_noise(noise), negligible=NEGLIGIBLE)
     made = _fit(point, fit.capped, converged=converged)
     return replace(
         made,
@@ -199,15 +199,15 @@ def _best(
 ) -> VehiclePoint:
     """Follow every start for a few iterations and return the best."""
     points = [rough_point(problem, start, noise) for start in starts]
-    points = [point for point in points if np.isfinite(point.value)]
+    points = [point for point in points if np.isfinite(point.value) and point.smooth]
     if not points:
         raise ValueError("the model blows up from every start")
     if len(points) == 1:
         return points[0]
     common = {name: points[0].noise[name] for name in points[0].noise}
-    looked = [minimise(replace(point, noise=common), FIRST_LOOK)[0] for point in points]
+    looked = [minimise(point.with_noise(common), FIRST_LOOK)[0] for point in points]
     best = min(looked, key=lambda point: point.value)
-    return best if noise is not None else replace(best, noise=_rough_noise(best))
+    return best if noise is not None else best.with_noise(_rough_noise(best))
 
 
 def rough_point(
@@ -216,7 +216,7 @@ def rough_point(
     """The problem at given coordinates (s,), weighed by the size of what is left there unless by a noise."""
     of_runs = np.zeros((problem.windows.runs, len(problem.run_terms)))
     point = VehiclePoint(problem, problem.inside(start), of_runs, problem.initial_local, {})
-    return replace(point, noise=noise or _rough_noise(point))
+    return point.with_noise(noise or _rough_noise(point))
 
 
 def _rough_noise(point: VehiclePoint) -> dict[str, NoiseModel]:
@@ -325,8 +325,7 @@ def _log_likelihood(point: VehiclePoint) -> float:
         total -= 0.5 * float(residual @ residual)
         total -= residual.size * float(np.log(noise.std) + 0.5 * np.log(2 * np.pi))
         if isinstance(noise.shape, AutoRegression):
-            head = float(np.linalg.slogdet(noise.shape.stationary_covariance())[1])
-            total -= 0.5 * samples.starts.size * head
+            total -= 0.5 * samples.starts.size * noise.shape.log_determinant()
     return total
 
 

@@ -15,6 +15,7 @@ from ident.estimation.vehicle_problem import Residuals, VehicleProblem
 
 Array = NDArray[np.float64]
 
+SIMULATED = ("outputs", "residuals", "errors")
 LOCAL_PARTS = (0.25, 0.05, 0.0)  # of a step of initial states, where the whole is too much
 
 
@@ -47,18 +48,47 @@ class VehiclePoint:
             return {name: whitened(one, self.noise[name]) for name, one in self.residuals.items()}
 
     @cached_property
-    def value(self) -> float:
-        """Whitened sum of squares and of the prior terms.
-
-        Infinite where the model has blown up, or its derivatives have: no step leads on from there.
-        """
+    def outputs(self) -> Array:
+        """(N, y) of the model on the grid of all windows."""
         with np.errstate(all="ignore"):
-            total = sum(float(white[:, -1] @ white[:, -1]) for white in self.white.values())
-            whole = all(np.isfinite(white.sum()) for white in self.white.values())
+            return self.problem.simulate(self.shared, self.of_runs, self.local)[1]
+
+    @cached_property
+    def errors(self) -> dict[str, Residuals]:
+        """Residuals of every compared signal alone, for which no derivative is needed."""
+        with np.errstate(all="ignore"):
+            return self.problem.errors(self.outputs, self.shared, self.of_runs, self.local)
+
+    @cached_property
+    def _white_errors(self) -> list[tuple[NDArray[np.intp], Array]]:
+        """(n,) window and whitened residual of every compared signal."""
+        with np.errstate(all="ignore"):
+            return [
+                (one.samples.window, whitened(one, self.noise[name])[:, 0])
+                for name, one in self.errors.items()
+            ]
+
+    def with_noise(self, noise: Mapping[str, NoiseModel]) -> VehiclePoint:
+        """The same weighed by another noise; nothing is simulated again."""
+        made = replace(self, noise=noise)
+        made.__dict__.update({name: self.__dict__[name] for name in SIMULATED if name in self.__dict__})
+        return made
+
+    @property
+    def smooth(self) -> bool:
+        """See :class:`~ident.estimation.gauss_newton.Point`."""
+        with np.errstate(all="ignore"):
+            return all(bool(np.isfinite(white.sum())) for white in self.white.values())
+
+    @cached_property
+    def value(self) -> float:
+        """Whitened sum of squares and of the prior terms; infinite where the model has blown up."""
+        with np.errstate(all="ignore"):
+            total = sum(float(white @ white) for _, white in self._white_errors)
         total += float(np.square(self.of_runs / self.problem.std_by_run).sum())
         total += float(np.square(self._from_prior / self.problem.prior_std).sum())
         total += float(np.square(self._from_start / self.problem.initial_std).sum())
-        return total if whole and np.isfinite(total) else np.inf
+        return total if np.isfinite(total) else np.inf
 
     @property
     def _from_start(self) -> Array:
@@ -90,10 +120,14 @@ class VehiclePoint:
             made.append(eliminate(rows, len(self.problem.run_terms)))
         return made
 
-    def triangle(self) -> Array:
-        """See :class:`~ident.estimation.gauss_newton.Point`."""
+    @cached_property
+    def _triangle(self) -> Array:
         rows = with_priors(stacked(self.by_run), self.problem.prior_std, self._from_prior)
         return triangle_of(rows)
+
+    def triangle(self) -> Array:
+        """See :class:`~ident.estimation.gauss_newton.Point`."""
+        return self._triangle
 
     def moved(self, step: Array) -> VehiclePoint:
         """See :class:`~ident.estimation.gauss_newton.Point`.
@@ -109,19 +143,20 @@ class VehiclePoint:
         best = np.argmin([point.window_sums for point in tried], axis=0)
         return replace(whole, local=np.array([tried[k].local[n] for n, k in enumerate(best)]))
 
-    @property
+    @cached_property
     def window_sums(self) -> Array:
         """(w,) whitened sum of squares of each window; infinite where the model has blown up."""
         made = np.square(self._from_start / self.problem.initial_std).sum(axis=1)
         with np.errstate(all="ignore"):
-            errors = self.problem.errors(self.shared, self.of_runs, self.local)
-            for name, one in errors.items():
-                white = whitened(one, self.noise[name])[:, 0]
-                made = made + np.bincount(one.samples.window, weights=white**2, minlength=made.size)
+            for window, white in self._white_errors:
+                made = made + np.bincount(window, weights=white**2, minlength=made.size)
         return np.asarray(np.nan_to_num(made, nan=np.inf))
 
     def wholly_moved(self, step: Array) -> VehiclePoint:
-        """Where a step leads with all that was eliminated following it as if it were linear."""
+        """Where a step leads with all that was eliminated following it as if it were linear.
+
+        The tyres' part is taken in the forces, which is what the rest follows.
+        """
         of_runs = np.array([run.step(step) for run in self.by_run]).reshape(self.of_runs.shape)
         of_windows = [
             window.step(np.concatenate([of_runs[run], step]))
@@ -129,7 +164,7 @@ class VehiclePoint:
         ]
         return replace(
             self,
-            shared=self.shared + step,
+            shared=self.shared + self.problem.carried(self.shared, step, self.outputs),
             of_runs=self.of_runs + of_runs,
             local=self.local + np.array(of_windows),
         )

@@ -22,8 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ident.dynamics.engine import Engine
+from ident.dynamics.tyres import Tyre
 from ident.errors import NotIdentifiable
+from ident.estimation.coordinates import Coordinate, RunTerm
 from ident.estimation.path_parts import direction_of_travel, moved_and_turned
+from ident.estimation.tyre_steps import FittedAxle
 from ident.estimation.vehicle_inputs import NOTHING_AROUND, Around, Probe, through_blocks
 from ident.estimation.vehicle_records import SignalSamples, Windows
 
@@ -40,53 +43,9 @@ INITIAL_STD = {  # state -> of its prior around what the first samples say: meas
     "body_roll_angle": (0.05, 0.05),  # [rad]
     "body_roll_rate": (0.2, 0.2),  # [rad/s]
 }
+REACHED = 0.999  # quantile of the slip angles up to which the forces count
 NOTHING = 1e-6  # of the prior of a term, in runs that do not have it
 FEWEST = 20  # samples beyond what initial states follow, below which the noise of a signal cannot be told
-
-
-@dataclass(frozen=True)
-class Coordinate:
-    """One parameter as it is fitted.
-
-    name : of the model's parameter
-    logarithmic : whether its logarithm is fitted; the rest of the fields then are of the logarithm
-    low, high : where it may lie
-    prior_mean, prior_std : Gaussian prior; infinite std where there is none
-    """
-
-    name: str
-    logarithmic: bool = True
-    low: float = -np.inf
-    high: float = np.inf
-    prior_mean: float = 0.0
-    prior_std: float = np.inf
-
-    def value(self, coordinate: float) -> float:
-        """Give the parameter at a coordinate."""
-        return float(np.exp(coordinate)) if self.logarithmic else float(coordinate)
-
-    def coordinate(self, value: float) -> float:
-        """Give the coordinate of a value of the parameter."""
-        return float(np.log(value)) if self.logarithmic else float(value)
-
-    def slope(self, coordinate: float) -> float:
-        """Derivative of the parameter to its coordinate."""
-        return float(np.exp(coordinate)) if self.logarithmic else 1.0
-
-
-@dataclass(frozen=True)
-class RunTerm:
-    """A parameter that each run has for itself, with the std of its prior around zero.
-
-    name : of the measured signal to which it is added (a bias), or of a parameter of the model
-    only : runs that have it, None: all; in the others it is zero
-    by_speed_to : measured signal to which it is added times the speed, None: as ``name`` says
-    """
-
-    name: str
-    prior_std: float
-    only: frozenset[int] | None = None
-    by_speed_to: str | None = None
 
 
 @dataclass(frozen=True)
@@ -113,11 +72,13 @@ class VehicleProblem:
         fixed: Mapping[str, float],
         run_terms: Sequence[RunTerm],
         around: Around = NOTHING_AROUND,
+        tyres: Mapping[str, tuple[Tyre, float]] | None = None,
     ) -> None:
         """Take the parts.
 
         ``fixed`` holds all parameters of the model that are neither a coordinate nor a term of the runs;
-        imu_x, imu_y come from the windows, and reference_x where it is no coordinate.
+        imu_x, imu_y come from the windows, and reference_x where it is no coordinate. ``tyres`` holds axle ->
+        tyre and static load [N]; steps of their parameters are taken in the forces.
 
         Raises
         ------
@@ -129,6 +90,7 @@ class VehicleProblem:
         self.coordinates = list(coordinates)
         self.fixed = dict(fixed)
         self.around = around
+        self.tyres = dict(tyres or {})
         self.states = len(engine.states)
         self.signals = [name for name, s in windows.signals.items() if s.beyond(self.states) >= FEWEST]
         if not self.signals:
@@ -187,6 +149,29 @@ class VehicleProblem:
         low = [one.low for one in self.coordinates]
         high = [one.high for one in self.coordinates]
         return np.asarray(np.clip(shared, low, high))
+
+    @cached_property
+    def axles(self) -> dict[str, FittedAxle]:
+        """Axles with parameters that can make up for one another, whose slip angles the model tells."""
+        names, made = [one.name for one in self.coordinates], {}
+        for axle, (tyre, load) in self.tyres.items():
+            own = {name: f"{axle}.{name}" for name in tyre.names}
+            places = {name: names.index(one) for name, one in own.items() if one in names}
+            held = {name: self.fixed[one] for name, one in own.items() if one in self.fixed}
+            if len(places) > 2 and f"{axle}_slip_angle" in self.engine.outputs:
+                made[axle] = FittedAxle(tyre, load, held, places)
+        return made
+
+    def carried(self, shared: Array, step: Array, outputs: Array) -> Array:
+        """A step of the coordinates, those of the tyres taken in the forces.
+
+        outputs : (N, y) at ``shared``
+        """
+        made = step
+        for axle, fitted in self.axles.items():
+            slips = np.abs(outputs[:, self.engine.outputs.index(f"{axle}_slip_angle")])
+            made = fitted.moved(self.coordinates, shared, made, float(np.quantile(slips, REACHED)))
+        return self.inside(shared + made) - shared
 
     @cached_property
     def initial_std(self) -> Array:
@@ -300,9 +285,11 @@ class VehicleProblem:
             made |= self._turned(made.pop("position_x"), made.pop("position_y"), local)
         return {name: made[name] for name in self.compared}
 
-    def errors(self, shared: Array, of_runs: Array, local: Array) -> dict[str, Residuals]:
-        """Residuals of every compared signal alone, without any derivative."""
-        _, outputs = self.simulate(shared, of_runs, local)
+    def errors(self, outputs: Array, shared: Array, of_runs: Array, local: Array) -> dict[str, Residuals]:
+        """Residuals of every compared signal alone, without any derivative.
+
+        outputs : (N, y) as :meth:`simulate` gives them
+        """
         made = {}
         for name in self._wanted:
             samples, column = self.windows.signals[name], self.engine.outputs.index(name)
@@ -421,8 +408,9 @@ class VehicleProblem:
                 yield number, times
 
     def with_changed(self, **parts: Any) -> VehicleProblem:
-        """The same windows with other ``coordinates``, ``fixed``, ``run_terms`` or ``around``."""
-        kept = {name: getattr(self, name) for name in ("coordinates", "fixed", "run_terms", "around")}
+        """The same windows with other ``coordinates``, ``fixed``, ``run_terms``, ``around`` or ``tyres``."""
+        names = ("coordinates", "fixed", "run_terms", "around", "tyres")
+        kept = {name: getattr(self, name) for name in names}
         return VehicleProblem(self.engine, self.windows, **(kept | parts))
 
     def _along_and_across(self, x: Array, y: Array) -> dict[str, Array]:

@@ -107,7 +107,7 @@ def _noise(fit: MotionFit) -> dict[str, Any]:
 
 def _valid_range(fit: MotionFit) -> dict[str, list[float]]:
     point = fit.point
-    _, outputs = point.problem.simulate(point.shared, point.of_runs, point.local)
+    outputs = point.outputs
     felt = outputs[:, point.problem.engine.outputs.index("felt_acceleration")]
     speed = point.problem.windows.inputs[:, 1]
     return {

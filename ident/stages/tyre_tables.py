@@ -28,7 +28,7 @@ def tyre_tables(data: TyreData, found: KindFit, runs: list[Run]) -> dict[str, pd
 def _motion(data: TyreData, found: KindFit) -> pd.DataFrame:
     """One row a grid point: inputs, measured and modelled signals, slip angles and forces of the model."""
     point, problem = found.fit.point, found.problem
-    _, outputs = problem.simulate(point.shared, point.of_runs, point.local)
+    outputs = point.outputs
     columns = dict(zip(problem.engine.outputs, outputs.T, strict=True))
     windows = problem.windows
     lengths = np.diff(windows.offsets)

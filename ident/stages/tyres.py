@@ -413,7 +413,7 @@ def _rms_of_run(found: KindFit, number: int) -> dict[str, float]:
 def _acceleration(found: KindFit) -> Array:
     """(N,) lateral acceleration of the model at the CG, from the forces of its axles [m/s²]."""
     point, engine = found.fit.point, found.problem.engine
-    _, outputs = found.problem.simulate(point.shared, point.of_runs, point.local)
+    outputs = point.outputs
     total = np.zeros(len(outputs))
     for axle in AXLES:
         total += outputs[:, engine.outputs.index(f"{axle}_lateral_force")]

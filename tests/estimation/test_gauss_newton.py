@@ -43,6 +43,10 @@ class Curve:
         total = float(self.residual() @ self.residual())
         return total if np.isfinite(total) else np.inf
 
+    @property
+    def smooth(self):
+        return bool(np.isfinite(self.jacobian()).all())
+
     def triangle(self):
         return np.linalg.qr(np.column_stack([-self.jacobian(), self.residual()]), mode="r")
 
@@ -66,7 +70,7 @@ def test_a_linear_problem_needs_one_step_to_its_minimum():
 
 @pytest.mark.parametrize("start", [(-1.2, 1.0), (5.0, -3.0), (0.0, 0.0)])
 def test_a_bent_valley_is_followed_to_its_end(start):
-    end, _, converged = minimise(Curve("rosenbrock", np.array(start), WIDE), 100)
+    end, _, converged = minimise(Curve("rosenbrock", np.array(start), WIDE), 100, negligible=1e-10)
     assert converged
     assert end.shared == pytest.approx([1.0, 1.0], abs=1e-4)
 
@@ -99,3 +103,27 @@ def test_no_step_ever_makes_it_worse():
 def test_too_few_iterations_are_not_called_converged():
     _, _, converged = minimise(Curve("rosenbrock", np.array([-1.2, 1.0]), WIDE), 3)
     assert not converged
+
+
+def test_two_bounds_that_pull_against_each_other_leave_the_best_point_between_them():
+    bounds = np.array([[-10.0, 0.2], [-0.5, 0.4]])
+    end, _, converged = minimise(Curve("linear", np.array([0.0, 0.0]), bounds))
+    grid = np.meshgrid(np.linspace(-1.0, 0.2, 601), np.linspace(-0.5, 0.4, 451))
+    values = [Curve("linear", np.array(at), bounds).value for at in zip(*map(np.ravel, grid), strict=True)]
+    assert converged
+    assert end.value <= min(values) + 1e-12
+
+
+def test_where_no_step_promises_anything_none_is_tried():
+    end, _, _ = minimise(Curve("linear", np.array([5.0, 5.0]), WIDE))
+    moved = []
+
+    class Watched(Curve):
+        def moved(self, step):
+            moved.append(step)
+            return super().moved(step)
+
+    again, _, converged = minimise(Watched("linear", end.shared, WIDE))
+    assert converged
+    assert moved == []
+    assert again.shared is end.shared

@@ -261,7 +261,7 @@ def test_without_noise_nothing_is_left_of_a_right_model() -> None:
 
 def test_residuals_alone_are_those_that_come_with_their_derivatives() -> None:
     point = point_with(*TOGETHER)
-    alone = point.problem.errors(point.shared, point.of_runs, point.local)
+    alone = point.problem.errors(point.outputs, point.shared, point.of_runs, point.local)
     assert list(alone) == list(point.residuals)
     for name, one in point.residuals.items():
         assert alone[name].columns.shape == (one.residual.size, 1)

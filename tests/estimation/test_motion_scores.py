@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from motion_case import COLOUR, TRUE, layer_of, point_at, records
 
+from ident.estimation.coordinates import RunTerm
 from ident.estimation.layer import BIN
 from ident.estimation.motion_scores import Projection, add_to_bins
 from ident.estimation.vehicle_inputs import Probe
 from ident.estimation.vehicle_point import VehiclePoint
-from ident.estimation.vehicle_problem import RunTerm
 
 TIGHT = 5e-5  # [rad] of the prior of the heading: about as much as a window tells of it
 KEYS = ("sensor_bias yaw_rate", "road_bank", "sensor_latency yaw_rate")
@@ -151,7 +151,7 @@ def test_scores_are_directions_times_residuals_and_bins_lose_nothing() -> None:
     assert count.sum(axis=0).tolist() == samples
     squares = [float(one[:, -1] @ one[:, -1]) for one in point().white.values()]
     assert power.sum(axis=0) == pytest.approx(squares, rel=1e-12)
-    assert projection().likelihood().sum() == pytest.approx(-sum(squares), rel=1e-12)
+    assert projection().likelihood().values.sum() == pytest.approx(-sum(squares), rel=1e-12)
     assert projection().power(left)[0].sum() == pytest.approx(sum(float(one @ one) for one in left))
 
 

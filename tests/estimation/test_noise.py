@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from decimal import Decimal, localcontext
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.linalg import toeplitz
+from scipy.linalg import solve_discrete_lyapunov, toeplitz
 from scipy.signal import lfilter
 
 from ident.estimation.noise import (
@@ -96,6 +98,33 @@ def test_a_process_that_is_not_stationary_is_drawn_to_the_border(coefficients: A
     assert drawn.largest_pole() < LARGEST_POLE
     assert drawn.largest_pole() == pytest.approx(LARGEST_POLE, abs=2e-3)
     assert np.isfinite(drawn.total_over_innovations())
+
+
+@ANY
+def test_the_first_samples_have_the_determinant_of_their_covariance(coefficients: Array) -> None:
+    order = coefficients.size
+    if order == 0:
+        assert AutoRegression(coefficients).log_determinant() == 0.0
+        return
+    companion = np.vstack([coefficients, np.eye(order)[:-1]])
+    covariance = solve_discrete_lyapunov(companion, np.outer(np.eye(order)[0], np.eye(order)[0]))
+    assert AutoRegression(coefficients).log_determinant() == pytest.approx(np.linalg.slogdet(covariance)[1])
+
+
+def test_poles_that_crowd_at_the_border_leave_the_first_samples_exactly_predicted() -> None:
+    poles = [0.998, 0.9893 * np.exp(0.01j), 0.9893 * np.exp(-0.01j), 0.9757, -0.1365]
+    shape = AutoRegression(-np.real(np.poly(poles))[1:])
+    with localcontext() as context:
+        context.prec = 60
+        own, variance, expected = [Decimal(float(a)) for a in shape.coefficients], Decimal(1), []
+        for k in range(4, -1, -1):
+            last = own[k]
+            own = [(own[i] + last * own[k - 1 - i]) / (1 - last * last) for i in range(k)]
+            variance /= 1 - last * last
+            expected.append([float(-a / variance.sqrt()) for a in own[::-1]] + [float(1 / variance.sqrt())])
+    white = filter_matrix(shape, record(np.arange(12.0)))
+    for k, row in enumerate(expected[::-1]):
+        np.testing.assert_allclose(white[k, : k + 1], row, rtol=1e-5)
 
 
 def test_a_stationary_process_is_left_alone() -> None:

@@ -188,7 +188,8 @@ class LinearFit:
             ),
         )
 
-    def likelihood(self, like: LinearFit | None = None) -> Likelihood:
+    def likelihood(self, like: LinearFit | None = None, *, roughly: bool = False) -> Likelihood:
+        del roughly  # all is linear
         std = like.std if like is not None else self.std
         return Likelihood(*self.places, -self.summed((self.residual / std) ** 2))
 
