@@ -102,7 +102,8 @@ def _read_equal_sizes(
         near = left[:window]
         guards = problem.guards if problem else layout.guards if layout else ()
         places = np.unique(np.array(guards, dtype=np.intp))
-        same = np.all(table[near[:, None], places] == table[left[0], places], axis=1)
+        stated = table[:, places] if len(near) == len(table) else table[near[:, None], places]
+        same = (stated == table[left[0], places]).all(axis=1)
         chosen = near[same]
         if layout is None:
             read.errors += [str(problem)] * len(chosen)
@@ -134,7 +135,8 @@ def _take_columns(
     for path, offset in layout.places.items():
         kind = np.dtype(types[path])
         stored = np.dtype(np.uint8) if kind == np.bool_ else kind.newbyteorder(layout.order)
-        column = np.ndarray((len(table),), stored, table, offset, (table.shape[1],))[chosen]
+        column = np.ndarray((len(table),), stored, table, offset, (table.shape[1],))
+        column = column if len(chosen) == len(table) else column[chosen]
         values = column != 0 if kind == np.bool_ else column
         if path in read.columns:
             read.columns[path][rows] = values

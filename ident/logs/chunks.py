@@ -17,9 +17,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ident.logs.compression import Buffer, Damaged
+from ident.logs.compression import Buffer, Damaged, most_bytes
+from ident.logs.contents import Chunk, Contents, Part, Wanted, crosses, entries_together, picked
 from ident.logs.damage import Loss
 from ident.logs.parallel import in_order
 from ident.logs.payloads import Bytes, Payloads, slices
@@ -27,59 +27,14 @@ from ident.logs.record import Channel, Stored, Times, join_stored
 from ident.logs.source import Source
 from ident.results import Damage
 
-JOB_BYTES = 3 << 20
+JOB_BYTES = 6 << 20
 PIECE_BYTES = 8 << 20
+KEPT_BYTES = 64 << 20
+Target = Callable[[int], memoryview]
 
 
 class IndexLied(Exception):
     """An index was found to be wrong; by now all chunks were looked at, and reading can begin again."""
-
-
-@dataclass
-class Chunk:
-    """A chunk whose record begins at ``offset``, its data [compressed] at ``begin``.
-
-    complete : whether the file holds all of it
-    start, end : log times that its header states [ns]
-    counted : messages in its indexes, None where there is none
-    entries : number of a channel -> (n, 2) log times [ns] and places of its messages in the unpacked data
-    looked : whether it was unpacked, so that ``entries`` are what it holds, and not only what an index says
-    """
-
-    offset: int
-    begin: int
-    length: int
-    size: int
-    crc: int
-    compression: str
-    complete: bool = True
-    start: int = 0
-    end: int = 0
-    counted: int | None = None
-    entries: dict[int, Times] = field(default_factory=dict)
-    looked: bool = False
-
-
-@dataclass(frozen=True)
-class Contents:
-    """Messages of an unpacked chunk: those of a channel lie together, in the order of the file.
-
-    bounds : number of a channel -> first and last of its messages (+ 1)
-    offsets, begins, sizes : (n,) places of the record and of the message, and size of the message [bytes]
-    others : records that are no messages: kind and content
-    as_indexed : whether the index of the chunk says the same
-    losses : what in it cannot be read
-    """
-
-    bounds: Mapping[int, tuple[int, int]]
-    times: Times
-    published: Times | None
-    offsets: Times
-    begins: Times
-    sizes: Times
-    others: Sequence[tuple[int, bytes]] = ()
-    as_indexed: bool = True
-    losses: Sequence[Loss] = ()
 
 
 @dataclass
@@ -93,23 +48,25 @@ class Loose:
 
 
 @dataclass(frozen=True)
-class Part:
-    """Messages of one channel that follow one another."""
-
-    times: Times
-    published: Times | None
-    sizes: Times
-    block: Bytes
-
-
-@dataclass(frozen=True)
 class _Unpacked:
-    """A chunk and what came out of it: its contents, or what is wrong; the parts that were asked for."""
+    """Chunks and what came out of them: their contents, or what is wrong; the parts that were asked for."""
 
-    chunk: Chunk
+    chunks: Sequence[Chunk]
     contents: Contents | None
     problem: str = ""
     parts: Sequence[tuple[int, Part]] = ()
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """Small messages of chunks that were gone through when the file was opened: number of a channel -> part.
+
+    numbers : of all channels that these chunks hold
+    """
+
+    offset: int
+    numbers: frozenset[int]
+    parts: Mapping[int, Part]
 
 
 class ChunkedStorage(ABC):
@@ -126,12 +83,17 @@ class ChunkedStorage(ABC):
         self._chunks: list[Chunk] = []
         self._loose: dict[int, Loose] = {}
         self._losses: list[Loss] = []
+        self._kept: list[_Kept] = []
+        self._chunks_kept = 0
 
     # --- what a format adds -----------------------------------------------------------------------
 
     @abstractmethod
-    def _unpack(self, source: Source, chunk: Chunk) -> Buffer:
-        """Read and unpack a chunk, and check it; ``Damaged`` where it is not what was written."""
+    def _unpack(self, source: Source, chunk: Chunk, target: Target) -> Buffer:
+        """Read and unpack a chunk, and check it; ``Damaged`` where it is not what was written.
+
+        ``target`` gives memory of so many bytes, once, which is used where that saves a copy.
+        """
 
     @abstractmethod
     def _indexed(self, data: Buffer, entries: Mapping[int, Times]) -> Contents | None:
@@ -154,6 +116,18 @@ class ChunkedStorage(ABC):
             for found in unpacked:
                 self._settle(found)
 
+    def _go_through(self) -> None:
+        """Look at every chunk, for want of an index; keep small messages, that need not be unpacked again."""
+        size = 0
+        with Source(self.path) as source, closing(self._unpacked(source, self._chunks, None)) as unpacked:
+            for found in unpacked:
+                self._settle(found)
+                size += sum(part.block.nbytes + 24 * len(part.times) for _, part in found.parts)
+                if size < KEPT_BYTES:
+                    numbers = frozenset() if found.contents is None else frozenset(found.contents.bounds)
+                    self._kept.append(_Kept(found.chunks[0].offset, numbers, dict(found.parts)))
+                    self._chunks_kept += len(found.chunks)
+
     def _not_looked_at(self) -> list[Damage]:
         """Say, where something is lost, how much of the file nobody has looked at."""
         left = sum(not chunk.looked for chunk in self._chunks)
@@ -172,10 +146,12 @@ class ChunkedStorage(ABC):
 
     def _settle(self, found: _Unpacked) -> bool:
         """Keep what a chunk was found to hold; return whether its index told the truth."""
-        chunk, contents = found.chunk, found.contents
-        if chunk.looked:
+        contents = found.contents
+        if all(chunk.looked for chunk in found.chunks):
             return True
-        chunk.looked = True
+        for chunk in found.chunks:
+            chunk.looked = True
+        chunk = found.chunks[0]
         if contents is None:
             seconds = (chunk.end - chunk.start) / 1e9 if chunk.end else None
             self._losses.append(
@@ -197,26 +173,63 @@ class ChunkedStorage(ABC):
         return contents.as_indexed
 
     def _unpacked(
-        self, source: Source, chunks: Sequence[Chunk], wanted: Sequence[Sequence[int]]
+        self, source: Source, chunks: Sequence[Chunk], wanted: Wanted | None
     ) -> Generator[_Unpacked]:
-        """Unpack chunks in threads; pick the messages of these channels, each with its numbers."""
+        """Unpack chunks in threads; pick the messages of these channels, each with its numbers.
+
+        Where nothing is wanted yet (None) the small messages are picked, by the numbers of their channels.
+        """
 
         def work(job: Sequence[Chunk]) -> list[_Unpacked]:
-            return [self._unpack_one(source, chunk, wanted) for chunk in job]
+            together = self._unpack_together(source, job, wanted)
+            return [together] if together else [self._unpack_one(source, chunk, wanted) for chunk in job]
 
         with closing(in_order(work, _grouped(chunks))) as found:
             for done in found:
                 yield from done
 
-    def _unpack_one(self, source: Source, chunk: Chunk, wanted: Sequence[Sequence[int]]) -> _Unpacked:
+    def _unpack_one(self, source: Source, chunk: Chunk, wanted: Wanted | None) -> _Unpacked:
         try:
-            data = self._unpack(source, chunk)
+            data = self._unpack(source, chunk, source.scratch)
         except Damaged as error:
-            return _Unpacked(chunk, None, str(error))
+            return _Unpacked([chunk], None, str(error))
         contents = self._indexed(data, chunk.entries) or self._walked(data, chunk)
-        return _Unpacked(chunk, contents, "", _picked(data, contents, wanted))
+        return _Unpacked([chunk], contents, "", picked(data, contents, wanted))
+
+    def _unpack_together(
+        self, source: Source, job: Sequence[Chunk], wanted: Wanted | None
+    ) -> _Unpacked | None:
+        """Unpack chunks side by side, so that numpy has more to do at once; None where any is not sound."""
+        sound = all(chunk.complete and chunk.entries and chunk.looked == job[0].looked for chunk in job)
+        if len(job) < 2 or not sound or self._loose or any(c.size > most_bytes(c.length) for c in job):
+            return None
+        ends = np.cumsum([chunk.size for chunk in job]).tolist()
+        data = source.scratch(ends[-1])
+        for chunk, end in zip(job, ends, strict=True):
+            place = data[end - chunk.size : end]
+            try:
+                raw = self._unpack(source, chunk, _giving(place))
+            except Damaged:
+                return None
+            if not isinstance(raw, memoryview) or raw.obj is not data.obj:
+                place[:] = raw
+        contents = self._indexed(data, entries_together(job, ends))
+        if contents is None or crosses(contents, ends[:-1]):
+            return None
+        return _Unpacked(job, contents, "", picked(data, contents, wanted))
 
     # --- reading ----------------------------------------------------------------------------------
+
+    def count(self, channel: Channel) -> int:
+        """How many messages of a channel there are, as far as is known."""
+        numbers = self._numbers.get(id(channel), [])
+        loose = sum(len(self._loose[number].times) for number in numbers if number in self._loose)
+        return loose + sum(
+            len(chunk.entries[number])
+            for chunk in self._chunks
+            for number in numbers
+            if number in chunk.entries
+        )
 
     def times(self, channel: Channel) -> Times:
         """Log times of a channel [ns], in the order of the file."""
@@ -252,10 +265,12 @@ class ChunkedStorage(ABC):
                 size = 0
         yield from _flushed(channels, gathered)
 
-    def _parts(self, wanted: Sequence[Sequence[int]]) -> Iterator[tuple[int, Part]]:
+    def _parts(self, wanted: Wanted) -> Iterator[tuple[int, Part]]:
         """Parts of all wanted channels in the order of the file."""
         numbers = {number for each in wanted for number in each}
-        chunks = [chunk for chunk in self._chunks if not numbers.isdisjoint(chunk.entries)]
+        kept = self._kept_parts(wanted)
+        left = self._chunks if kept is None else self._chunks[self._chunks_kept :]
+        chunks = [chunk for chunk in left if not numbers.isdisjoint(chunk.entries)]
         with Source(self.path) as source:
             loose = [
                 (begin, key, part)
@@ -263,10 +278,14 @@ class ChunkedStorage(ABC):
                 for begin, part in self._loose_parts(each, with_data=source)
             ]
             loose.sort(key=lambda each: each[0])
+            for offset, key, part in kept or ():
+                while loose and loose[0][0] < offset:
+                    yield loose.pop(0)[1:]
+                yield key, part
             # The threads must have ended before the file is closed, also where nobody reads to the end.
             with closing(self._unpacked(source, chunks, wanted)) as unpacked:
                 for found in unpacked:
-                    while loose and loose[0][0] < found.chunk.offset:
+                    while loose and loose[0][0] < found.chunks[0].offset:
                         yield loose.pop(0)[1:]
                     if not self._settle(found):
                         self.check()
@@ -274,6 +293,17 @@ class ChunkedStorage(ABC):
                     yield from found.parts
             for _, key, part in loose:
                 yield key, part
+
+    def _kept_parts(self, wanted: Wanted) -> list[tuple[int, int, Part]] | None:
+        """Parts that were kept, with the places of their chunks; None where a wanted one was not."""
+        found = []
+        for kept in self._kept:
+            for key, each in enumerate(wanted):
+                numbers = kept.numbers.intersection(each)
+                if len(numbers) > 1 or not numbers <= kept.parts.keys():
+                    return None
+                found += [(kept.offset, key, kept.parts[number]) for number in numbers]
+        return found
 
     def _loose_parts(self, numbers: Sequence[int], with_data: Source | None) -> Iterator[tuple[int, Part]]:
         """Messages outside chunks, in runs that no chunk divides, with the place of each run."""
@@ -293,40 +323,11 @@ class ChunkedStorage(ABC):
             yield int(begins[rows[0]]), Part(times[rows], published[rows], sizes[rows], block)
 
 
-# --- contents by an index -------------------------------------------------------------------------
-
-Others = list[tuple[int, bytes]]
-
-
-def only_between(
-    data: Buffer, begins: Times, ends: Times, others: Callable[[Buffer, int, int], Others | None]
-) -> Others | None:
-    """Return the other records between these messages, which fill a chunk; None where anything else does.
-
-    Parameters
-    ----------
-    others : reads the records that fill the data from here to there, None where that is not so
-    """
-    order = np.argsort(begins, kind="stable")
-    begins, ends = begins[order], ends[order]
-    found: Others = []
-    gaps = np.flatnonzero(begins[1:] != ends[:-1])
-    edges = [(0, begins[0]), *zip(ends[gaps], begins[gaps + 1], strict=True), (ends[-1], len(data))]
-    for start, stop in edges:
-        between = others(data, int(start), int(stop)) if start <= stop else None
-        if between is None:
-            return None
-        found += between
-    return found
-
-
-def in_file_order(offsets: Times, bounds: Mapping[int, tuple[int, int]]) -> bool:
-    """Whether the messages of each channel are in the order of the file."""
-    falls = np.flatnonzero(offsets[1:] <= offsets[:-1]) + 1
-    return not len(falls) or set(falls.tolist()) <= {first for first, _ in bounds.values()}
-
-
 # --- helpers --------------------------------------------------------------------------------------
+
+
+def _giving(place: memoryview) -> Target:
+    return lambda size: place[:size]
 
 
 def _grouped(chunks: Iterable[Chunk]) -> Iterator[list[Chunk]]:
@@ -341,32 +342,6 @@ def _grouped(chunks: Iterable[Chunk]) -> Iterator[list[Chunk]]:
             job, size = [], 0
     if job:
         yield job
-
-
-def _rows(contents: Contents, numbers: Sequence[int]) -> slice | NDArray[np.intp] | None:
-    """Rows of a channel that has these numbers, in the order of the file; None where there are none."""
-    found = [contents.bounds[number] for number in numbers if number in contents.bounds]
-    if not found:
-        return None
-    if len(found) == 1:
-        return slice(*found[0])
-    rows = np.concatenate([np.arange(a, b) for a, b in found])
-    return rows[np.argsort(contents.offsets[rows], kind="stable")]
-
-
-def _part(data: Buffer, contents: Contents, rows: slice | NDArray[np.intp]) -> Part:
-    sizes = contents.sizes[rows]
-    published = None if contents.published is None else contents.published[rows]
-    return Part(contents.times[rows], published, sizes, slices(data, contents.begins[rows], sizes))
-
-
-def _picked(data: Buffer, contents: Contents, wanted: Sequence[Sequence[int]]) -> list[tuple[int, Part]]:
-    """Copy the messages of each wanted channel, which has these numbers."""
-    return [
-        (key, _part(data, contents, rows))
-        for key, numbers in enumerate(wanted)
-        if (rows := _rows(contents, numbers)) is not None
-    ]
 
 
 def _entry_times(chunk: Chunk, numbers: Sequence[int]) -> Times:

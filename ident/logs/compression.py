@@ -6,6 +6,7 @@ what is no more than ``SMALL``.
 
 from __future__ import annotations
 
+import threading
 import zlib
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -21,6 +22,7 @@ _BLOCK = 1 << 20
 _STEP = 1024  # of zstd 4 bytes can stand for 128 kB
 
 Buffer = bytes | memoryview
+_own = threading.local()
 
 
 class Damaged(ValueError):
@@ -49,6 +51,11 @@ def decompress_chunk(
         raw = _unpack(data, compression, size, target)
     except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
         raise Damaged(f"does not unpack ({error})") from error
+    return checked(raw, size, crc)
+
+
+def checked(raw: Buffer, size: int, crc: int) -> Buffer:
+    """Return the data of a chunk; ``Damaged`` unless it has this size and CRC-32 (0: none was written)."""
     if len(raw) != size:
         raise Damaged(f"unpacks to {len(raw)} bytes instead of {size}")
     if crc and zlib.crc32(raw) != crc:
@@ -63,14 +70,22 @@ def _unpack(data: Buffer, compression: str, size: int, target: Callable[[int], m
             raise Damaged(f"unpacks to more than {size} bytes")
         if stated == size > 0:
             raw = target(size)
-            with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+            with _own_unpacker().stream_reader(data) as reader:
                 return raw[: reader.readinto(raw)]
-        return bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=size))
+        return bytes(_own_unpacker().decompress(data, max_output_size=size))
     if compression == "lz4":
         return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size))
     if compression:
         raise Damaged(f"compression {compression!r} is not known")
     return data
+
+
+def _own_unpacker() -> zstandard.ZstdDecompressor:
+    """Return the one of this thread: making one takes as long as unpacking a small chunk."""
+    found: zstandard.ZstdDecompressor | None = getattr(_own, "unpacker", None)
+    if found is None:
+        found = _own.unpacker = zstandard.ZstdDecompressor()
+    return found
 
 
 def salvage(data: Buffer, compression: str) -> Buffer:

@@ -16,8 +16,9 @@ from pathlib import Path
 
 from ident.errors import UnusableLog
 from ident.logs import mcap_records as records
-from ident.logs.chunks import Chunk, ChunkedStorage, Contents, Loose
-from ident.logs.compression import Buffer, decompress_chunk, salvage
+from ident.logs.chunks import ChunkedStorage, Loose, Target
+from ident.logs.compression import Buffer, checked, decompress_chunk, salvage
+from ident.logs.contents import Chunk, Contents
 from ident.logs.damage import Loss, summarise
 from ident.logs.record import Channel, Times
 from ident.logs.source import Source, Window
@@ -43,7 +44,7 @@ class McapStorage(ChunkedStorage):
         with Source(path) as source:
             self._scan(source)
         if not self._is_consistent():
-            super().check()
+            self._go_through()
         if self._loose or not all(chunk.crc for chunk in self._chunks):
             self._check_data_crc()
         self.channels = self._resolve_channels()
@@ -160,11 +161,13 @@ class McapStorage(ChunkedStorage):
 
     # --- chunks -----------------------------------------------------------------------------------
 
-    def _unpack(self, source: Source, chunk: Chunk) -> Buffer:
+    def _unpack(self, source: Source, chunk: Chunk, target: Target) -> Buffer:
+        if chunk.complete and not chunk.compression and chunk.length == chunk.size:
+            return checked(source.fill(target(chunk.size), chunk.begin), chunk.size, chunk.crc)
         data = source.borrow(chunk.begin, chunk.length)
         if not chunk.complete:
             return salvage(data, chunk.compression)
-        return decompress_chunk(data, chunk.compression, chunk.size, chunk.crc, source.scratch)
+        return decompress_chunk(data, chunk.compression, chunk.size, chunk.crc, target)
 
     def _indexed(self, data: Buffer, entries: Mapping[int, Times]) -> Contents | None:
         return records.indexed_contents(data, entries)

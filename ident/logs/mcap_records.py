@@ -13,13 +13,13 @@ import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.logs.chunks import Contents, in_file_order, only_between
 from ident.logs.compression import Buffer
+from ident.logs.contents import Contents, in_file_order, only_between
 from ident.logs.payloads import equal_slices
 from ident.logs.record import Times
 
@@ -62,8 +62,7 @@ class Readable(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Record:
+class Record(NamedTuple):
     """A record at ``offset``; ``complete`` is False where the file ends inside it.
 
     content : of chunks and messages only the beginning
@@ -77,8 +76,7 @@ class Record:
     complete: bool = True
 
 
-@dataclass(frozen=True)
-class Hole:
+class Hole(NamedTuple):
     """``bytes`` bytes from ``offset`` on that are no records."""
 
     offset: int

@@ -132,6 +132,10 @@ class _UnpackedFile:
         """What is known to be lost."""
         return [*self._problems, *self._storage.damage]
 
+    def count(self, channel: Channel) -> int:
+        """How many messages of a channel there are, as far as is known."""
+        return self._storage.count(channel)
+
     def times(self, channel: Channel) -> Times:
         """Log times of a channel [ns], in the order of the file."""
         return self._storage.times(channel)

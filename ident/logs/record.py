@@ -112,6 +112,10 @@ class Storage(Protocol):
         """What is known to be lost."""
         ...
 
+    def count(self, channel: Channel) -> int:
+        """How many messages of a channel there are, as far as is known."""
+        ...
+
     def times(self, channel: Channel) -> Times:
         """Log times of a channel [ns], in the order of the file."""
         ...
@@ -135,6 +139,14 @@ class Storage(Protocol):
 
 class ChannelByChannel(ABC):
     """For storages that know all damage once they are open, and read one channel after the other."""
+
+    @abstractmethod
+    def times(self, channel: Channel) -> Times:
+        """Log times of a channel [ns], in the order of the file."""
+
+    def count(self, channel: Channel) -> int:
+        """How many messages of a channel there are."""
+        return len(self.times(channel))
 
     @abstractmethod
     def messages(self, channel: Channel) -> Stored:

@@ -16,8 +16,9 @@ from pathlib import Path
 
 from ident.errors import UnusableLog
 from ident.logs import ros1_records as records
-from ident.logs.chunks import Chunk, ChunkedStorage, Contents, Loose
+from ident.logs.chunks import ChunkedStorage, Loose, Target
 from ident.logs.compression import Buffer
+from ident.logs.contents import Chunk, Contents
 from ident.logs.damage import Loss, summarise
 from ident.logs.record import Channel, Times
 from ident.logs.ros1_records import Record
@@ -44,7 +45,7 @@ class Ros1Storage(ChunkedStorage):
         with Source(path) as source:
             self._scan(source)
         if not self._is_consistent():
-            self.check()
+            self._go_through()
         if not self._connections and not self._read_header:
             raise UnusableLog(
                 f"{path}: ROS 1 bag without a record that can be read ({path.stat().st_size} bytes)"
@@ -161,7 +162,9 @@ class Ros1Storage(ChunkedStorage):
 
     # --- chunks -----------------------------------------------------------------------------------
 
-    def _unpack(self, source: Source, chunk: Chunk) -> Buffer:
+    def _unpack(self, source: Source, chunk: Chunk, target: Target) -> Buffer:
+        if chunk.complete and chunk.compression == "none" and chunk.length == chunk.size:
+            return source.fill(target(chunk.size), chunk.begin)
         return records.unpack(source.borrow(chunk.begin, chunk.length), chunk)
 
     def _indexed(self, data: Buffer, entries: Mapping[int, Times]) -> Contents | None:

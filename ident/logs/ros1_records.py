@@ -9,13 +9,14 @@ import bz2
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import lz4.frame
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.logs.chunks import Chunk, Contents, in_file_order, only_between
 from ident.logs.compression import LARGEST_CHUNK, Buffer, Damaged, most_bytes
+from ident.logs.contents import Chunk, Contents, in_file_order, only_between
 from ident.logs.damage import Loss
 from ident.logs.payloads import equal_slices
 from ident.logs.record import Times
@@ -31,8 +32,7 @@ _SMALL = 512
 NO_RECORDS = "bytes in a chunk that are no records"
 
 
-@dataclass(frozen=True)
-class Record:
+class Record(NamedTuple):
     """A record at ``offset``, its header fields, and where its data lie; ``complete``: they are all there."""
 
     offset: int

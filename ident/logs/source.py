@@ -30,7 +30,10 @@ class Source:
 
     def borrow(self, place: int, size: int) -> memoryview:
         """Read bytes into a buffer of this thread, which the next call overwrites."""
-        target = self._kept("packed", max(min(size, self.size - place), 0))
+        return self.fill(self._kept("packed", max(min(size, self.size - place), 0)), place)
+
+    def fill(self, target: memoryview, place: int) -> memoryview:
+        """Read bytes from ``place`` on into ``target``: fewer where the file ends."""
         return target[: os.preadv(self._file, [target], place)] if len(target) else target
 
     def scratch(self, size: int) -> memoryview:

@@ -38,7 +38,13 @@ class SqliteStorage:
             self._numbers: dict[int, list[int]] = {}
             self.channels = self._read_channels(database)
             self._rows = self._read_rows(database)
+        numbers, counts = np.unique(self._rows[:, 1], return_counts=True)
+        self._counts = dict(zip(numbers.tolist(), counts.tolist(), strict=True))
         self.damage += [*self._file.damage, *summarise(path.name, self._losses, unit="row")]
+
+    def count(self, channel: Channel) -> int:
+        """How many messages of a channel there are."""
+        return sum(self._counts.get(number, 0) for number in self._numbers.get(id(channel), []))
 
     def times(self, channel: Channel) -> Times:
         """Log times of a channel [ns], in the order in which they were recorded."""

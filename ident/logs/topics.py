@@ -51,7 +51,7 @@ class RecordedTopic:
 
     def count(self) -> int:
         """How many messages there are."""
-        return sum(len(storage.times(channel)) for storage, channel in self.parts)
+        return sum(storage.count(channel) for storage, channel in self.parts)
 
     def channels_of(self, storage: Storage) -> list[Channel]:
         """Channels that one file holds."""
@@ -110,6 +110,8 @@ class RecordedTopic:
 
     def told(self) -> list[Damage]:
         """Say where messages of several definitions are taken for one topic."""
+        if len({_definition(channel) for _, channel in self.parts}) < 2:
+            return []
         count = sum(kind.problem is None for kind in self._kinds)
         if count < 2:
             return []
@@ -120,7 +122,7 @@ class RecordedTopic:
         """Say how many messages do not hold what is asked for, and why."""
         found = []
         for kind in self._kinds:
-            count = sum(len(storage.times(channel)) for storage, channel in kind.parts)
+            count = sum(storage.count(channel) for storage, channel in kind.parts)
             if kind.problem is not None and count:
                 found.append(Damage(f"{self.name}: {kind.problem}", count))
             elif kind.problem is None and count and (lacking := kind.lacks(self, fields)):
@@ -257,7 +259,7 @@ def tell_types(topics: dict[str, RecordedTopic]) -> list[Damage]:
 
 
 def _messages(parts: Sequence[Part]) -> int:
-    return sum(len(storage.times(channel)) for storage, channel in parts)
+    return sum(storage.count(channel) for storage, channel in parts)
 
 
 def _unused(name: str, names: dict[str, RecordedTopic]) -> str:

@@ -7,16 +7,17 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from log_corpus import active
 from log_files import ANGLE, START, angles, new, plain, write_mcap
 from mcap.writer import CompressionType
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from ident.logs import chunks, mcap, mcap_records, open_log, ros1, ros1_records
+from ident.logs import chunks, contents, mcap, mcap_records, open_log, ros1, ros1_records
 
 ONE, TWO = "/one", "/two"
 COUNT = 300
-INDEX, CHUNK = 0x07, 0x06
+INDEX, CHUNK, DATA_END = 0x07, 0x06, 0x0F
 
 
 def both(tmp_path, name="a.mcap", **options):
@@ -102,9 +103,9 @@ def chunk_reads(monkeypatch, storage):
     """List of the chunks that are unpacked from now on."""
     seen, unpack = [], storage._unpack
 
-    def noted(self, source, chunk):
+    def noted(self, source, chunk, target):
         seen.append(chunk.offset)
-        return unpack(self, source, chunk)
+        return unpack(self, source, chunk, target)
 
     monkeypatch.setattr(storage, "_unpack", noted)
     return seen
@@ -225,6 +226,92 @@ def test_an_index_that_hides_messages_is_found_out_where_any_other_shows_it(tmp_
         np.testing.assert_allclose(columns.values["angle"], sign * np.arange(COUNT) / 100, atol=1e-12)
         assert len(log.times(topic)) == COUNT
     assert_whole(assert_the_same_by_walking(path))
+
+
+def test_a_message_that_reaches_into_the_next_chunk_is_found_out(tmp_path):
+    """The last message of a chunk claims the records before the first message of the next chunk as well."""
+    path = both(tmp_path, compression=CompressionType.NONE)
+    assert_whole(everything(path))
+    data = bytearray(path.read_bytes())
+    chunks_of = list(index_records(data, CHUNK).items())
+    (place, content), index = chunks_of[2], list(index_records(data).items())
+    last = max(
+        struct.unpack_from("<Q", entries, 6 + 16 * k + 8)[0]
+        for where, entries in index
+        if place < where < chunks_of[3][0]
+        for k in range((len(entries) - 6) // 16)
+    )
+    begin = place + 9 + 32 + struct.unpack_from("<I", content, 28)[0] + 8 + last
+    (length,) = struct.unpack_from("<Q", data, begin + 1)
+    struct.pack_into("<Q", data, begin + 1, length + 5)
+    struct.pack_into("<I", data, place + 9 + 24, 0)  # no CRC of the chunk
+    end = next(iter(index_records(data, DATA_END)))
+    struct.pack_into("<I", data, end + 9, 0)  # nor of the file
+    path.write_bytes(data)
+    columns, *_ = assert_the_same_by_walking(path)
+    assert sum(len(read[0]) for read in columns.values()) == 2 * COUNT - 1
+
+
+def test_whether_a_message_lies_on_both_sides_of_an_edge():
+    def found(begins, sizes, edges):
+        places = np.array(begins)
+        order = {1: (0, len(begins))}
+        return contents.crosses(
+            contents.Contents(order, places, None, places - 5, places, np.array(sizes)), edges
+        )
+
+    assert not found([5, 25], [10, 10], [15])
+    assert not found([5, 25], [15, 10], [20])  # ends where the next chunk begins
+    assert found([5, 25], [16, 10], [20])
+    assert found([25, 5], [10, 16], [20])
+    assert not found([25], [10], [20])  # nothing before the edge
+
+
+def without_end(path):
+    """The file as a recorder leaves it that is killed behind a chunk: indexes, but no end."""
+    data = path.read_bytes()
+    (end,) = index_records(data, DATA_END)
+    path.write_bytes(data[:end])
+    return path
+
+
+@pytest.mark.parametrize("compression", list(CompressionType), ids=lambda kind: kind.name.lower())
+def test_a_file_without_an_end_is_unpacked_once(tmp_path, monkeypatch, compression):
+    path = without_end(both(tmp_path, compression=compression))
+    seen = chunk_reads(monkeypatch, mcap.McapStorage)
+    columns, times, _, topics = everything(path)
+    assert len(seen) == len(set(seen)) > 5
+    assert_whole((columns, times, [], topics))
+
+
+def test_a_bag_without_its_index_is_unpacked_once(tmp_path, monkeypatch):
+    path = ros1_bag(tmp_path)
+    path.write_bytes(active(path.read_bytes()))
+    seen = chunk_reads(monkeypatch, ros1.Ros1Storage)
+    columns, times, _, topics = everything(path, "data")
+    assert len(seen) == len(set(seen)) > 5
+    assert_whole((columns, times, [], topics))
+
+
+@pytest.mark.parametrize("limit", [0, 12_000, 25_000])
+def test_what_is_not_kept_in_memory_is_unpacked_again_in_its_place(tmp_path, monkeypatch, limit):
+    monkeypatch.setattr(chunks, "KEPT_BYTES", limit)
+    monkeypatch.setattr(chunks, "JOB_BYTES", 5000)
+    path = without_end(both(tmp_path))
+    seen = chunk_reads(monkeypatch, mcap.McapStorage)
+    columns, times, _, topics = everything(path)
+    count = len(set(seen))
+    assert len(seen) == 2 * count if not limit else count < len(seen) < 2 * count
+    assert_whole((columns, times, [], topics))
+
+
+def test_large_messages_of_a_file_without_an_end_are_not_kept_and_are_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(contents, "SMALL_MESSAGE", 20)
+    path = without_end(both(tmp_path))
+    storage = mcap.McapStorage(path)
+    assert all(not kept.parts for kept in storage._kept)
+    columns, times, _, topics = everything(path)
+    assert_whole((columns, times, [], topics))
 
 
 def test_two_indexes_of_one_channel_behind_a_chunk_cost_nothing(tmp_path):
