@@ -149,7 +149,9 @@ def test_a_late_yaw_rate_is_not_compared_beside_the_heading(race_car: TyresResul
 
 def test_a_yaw_inertia_is_not_claimed_at_a_hundredth_of_a_radian(race_car: TyresResult) -> None:
     assert max(abs(end) for ends in race_car.excited.values() for end in ends) < 0.06
-    assert race_car.fits[0].yaw_inertia.status == "not_identifiable"
+    inertia = race_car.fits[0].yaw_inertia
+    assert inertia.status in ("weak", "not_identifiable")
+    assert inertia.low is None or inertia.high > 2 * inertia.low
 
 
 def test_understeer_is_that_of_the_steering_against_the_turning(race_car: TyresResult) -> None:
