@@ -9,6 +9,7 @@ import bz2
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import lz4.frame
@@ -88,7 +89,7 @@ def record_in(window: Window, position: int) -> Record | None:
 
 
 def _record(position: int, head: bytes, length: int, limit: int) -> Record | None:
-    fields = header(head)
+    fields = header(head) if b"time=" in head else _header_again(head)
     if fields is None or not MESSAGE <= fields.get(b"op", b"\x00")[0] <= CONNECTION:
         return None
     begin = position + 8 + len(head)
@@ -110,6 +111,12 @@ def header(data: bytes) -> dict[bytes, bytes] | None:
             return None
         fields[name] = value
     return fields
+
+
+@lru_cache(maxsize=4096)
+def _header_again(data: bytes) -> dict[bytes, bytes] | None:
+    """Split a header that may come again: those of indexes do, those of messages do not."""
+    return header(data)
 
 
 def next_chunk(window: Window, position: int) -> int | None:

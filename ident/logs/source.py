@@ -11,7 +11,10 @@ import weakref
 from pathlib import Path
 from typing import Self
 
+import numpy as np
+
 LEAST, MOST = 16 << 10, 1 << 20
+MOST_SPARE = 64 << 20
 
 
 class Source:
@@ -41,11 +44,11 @@ class Source:
         return self._kept("unpacked", size)
 
     def _kept(self, name: str, size: int) -> memoryview:
-        buffer = getattr(self._own, name, None)
+        buffer: memoryview | None = getattr(self._own, name, None)
         if buffer is None or len(buffer) < size:
-            buffer = bytearray(size)
+            buffer = np.empty(max(size, 5 * size // 4 if size < MOST_SPARE else 0), np.uint8).data
             setattr(self._own, name, buffer)
-        return memoryview(buffer)[:size]
+        return buffer[:size]
 
     def __enter__(self) -> Self:
         return self

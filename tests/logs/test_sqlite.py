@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from log_files import ANGLE, START, angles, plain, write_bag
 
 from ident.errors import UnusableLog
-from ident.logs import FieldError, open_log
+from ident.logs import FieldError, open_log, sqlite
+from ident.logs.sqlite import SqliteStorage
 
 TOPIC = "/vehicle/steering_wheel"
 COUNT = 2000
@@ -134,6 +135,58 @@ def test_hostile_columns_are_taken_as_what_they_should_be(tmp_path):
     assert topic.messages == 2  # the third has no time
     assert len(columns.log_time) == 0
     assert columns.damage[0].messages_lost == 2
+
+
+def made_by_hand(path, messages, encoding="UTF-8"):
+    """A bag of Float64 on /x: (row, time, data)."""
+    database = sqlite3.connect(path)
+    database.execute(f"PRAGMA encoding = '{encoding}'")
+    database.execute("CREATE TABLE topics (id INTEGER PRIMARY KEY, name, type, serialization_format)")
+    database.execute("CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id, timestamp, data)")
+    database.execute("INSERT INTO topics VALUES (1, '/x', 'std_msgs/msg/Float64', 'cdr')")
+    database.executemany("INSERT INTO messages VALUES (?, 1, ?, ?)", messages)
+    database.commit()
+    database.close()
+    return path
+
+
+def float64(value):
+    return b"\x00\x01\x00\x00" + np.float64(value).tobytes()
+
+
+@pytest.mark.parametrize("encoding", ["UTF-8", "UTF-16le"])
+def test_messages_of_any_bytes_and_sizes_come_out_as_they_went_in(tmp_path, encoding):
+    """Bytes that are no text, zeros, none at all, and sizes that differ, in steps of the row numbers."""
+    random = np.random.default_rng(5)
+    sizes = [*random.integers(0, 40, 3000).tolist(), 0, 70_000, 1]
+    messages = [random.integers(0, 256, size, np.uint8).tobytes() for size in sizes]
+    rows = [(7 * k + 1, k, data) for k, data in enumerate(messages)]
+    storage = SqliteStorage(made_by_hand(tmp_path / "x.db3", rows, encoding))
+    (channel,) = storage.channels
+    found = storage.messages(channel)
+    assert list(found.data) == messages
+    assert found.times.tolist() == list(range(len(messages)))
+    assert storage.count(channel) == len(messages)
+
+
+def test_a_message_without_data_costs_no_other_and_little_time(tmp_path, monkeypatch):
+    alone = []
+    read = sqlite._read_data
+    monkeypatch.setattr(sqlite, "_read_data", lambda *args: alone.append(args[1]) or read(*args))
+    rows = [(k + 1, k, None if k in {700, 9000} else float64(k)) for k in range(12_000)]
+    log = open_log(made_by_hand(tmp_path / "x.db3", rows))
+    columns = log.columns("/x", ["data"])
+    assert columns.values["data"].tolist() == [k for k in range(12_000) if k not in {700, 9000}]
+    assert columns.damage[0].messages_lost == 2
+    assert 2 <= len(alone) < 1000
+
+
+def test_times_and_topics_that_are_text_or_too_large_are_read_as_before(tmp_path):
+    times = ["17", 1 << 62, 18.9, "9" * 30, "x", -5]
+    rows = [(k - 2, time, float64(k)) for k, time in enumerate(times)]
+    log = open_log(made_by_hand(tmp_path / "x.db3", rows))
+    assert log.times("/x").tolist() == [17, 1 << 62, 18, (1 << 63) - 1, 0, -5]
+    assert log.columns("/x", ["data"]).values["data"].tolist() == [0, 1, 2, 3, 4, 5]
 
 
 @pytest.mark.parametrize(
