@@ -329,22 +329,21 @@ def _contested(found: Improvement, one: Round, layer: str, key: str, rival: Scre
     """Whether a generic term is still the better one where an effect stands, now that all else is there.
 
     Where nothing is left: if all that was added since does not do clearly better than the term alone, or the
-    term does clearly better in the place of the effect. Where something is left: if the effect adds nothing
-    clear to the term.
+    term does clearly better in the place of the effect. Where something is left, which the term may take in
+    as well: if it does clearly better in the place of the effect, and the effect adds nothing clear to it.
     """
     fit = found.fits[layer]
     base, level = found.base[layer].likelihood(fit), one.screen.level
     others = [other for other in fit.keys if other != key]
-    if not found.passes:
-        without, both = (_rival_fit(found.layers[layer], fit, rival, keys) for keys in (others, fit.keys))
-        if without is None or both is None:
+    if found.passes:
+        alone = _rival_fit(found.layers[layer], fit, rival, fit.keys[: fit.keys.index(key)])
+        if alone is not None and _duel(fit, alone[1], fit, base, level).members != (EFFECT,):
             return True
-        return _duel(both[1], without[1], fit, base, level).members != (EFFECT,)
-    alone = _rival_fit(found.layers[layer], fit, rival, fit.keys[: fit.keys.index(key)])
-    if alone is not None and _duel(fit, alone[1], fit, base, level).members != (EFFECT,):
-        return True
     instead = _rival_fit(found.layers[layer], fit, rival, others)
-    return instead is not None and _duel(fit, instead[1], fit, base, level).members == (RIVAL,)
+    if instead is None or _duel(fit, instead[1], fit, base, level).members != (RIVAL,):
+        return False
+    both = None if found.passes else _rival_fit(found.layers[layer], fit, rival, fit.keys)
+    return both is None or _duel(both[1], instead[1], fit, base, level).members != (EFFECT,)
 
 
 def _unnamed(looked: Screen, layer: str, tried: Sequence[Tried], rival: Screened, best: str) -> Round:
