@@ -75,6 +75,7 @@ class BinaryDecoder:
         self._encoding = cdr.ROS1 if channel.encoding == "ros1" else None
         self._schema = _schema(channel)
         self.type = normal(channel.type)
+        self._resolved: dict[str, Kind] = {}
         self._stamp = next((path for path in STAMPS if self._is_stamp(path)), None)
 
     def is_like(self, other: BinaryDecoder) -> bool:
@@ -133,6 +134,12 @@ class BinaryDecoder:
         return kind.type if isinstance(kind, Number) else ""
 
     def _resolve(self, name: str) -> Kind:
+        """Return what a path leads to; long logs are decoded in many pieces, which ask for it again."""
+        if name not in self._resolved:
+            self._resolved[name] = self._follow(name)
+        return self._resolved[name]
+
+    def _follow(self, name: str) -> Kind:
         found: Kind = Struct(self._schema.root)
         for step in name.split("."):
             match = _STEP.fullmatch(step)

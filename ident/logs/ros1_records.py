@@ -10,6 +10,7 @@ import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import chain
 from typing import NamedTuple
 
 import lz4.frame
@@ -38,14 +39,10 @@ class Record(NamedTuple):
 
     offset: int
     fields: dict[bytes, bytes]
+    op: int
     begin: int
     end: int
     complete: bool
-
-    @property
-    def op(self) -> int:
-        """What kind of record it is."""
-        return self.fields.get(b"op", b"\x00")[0]
 
     @property
     def time(self) -> int:
@@ -90,11 +87,12 @@ def record_in(window: Window, position: int) -> Record | None:
 
 def _record(position: int, head: bytes, length: int, limit: int) -> Record | None:
     fields = header(head) if b"time=" in head else _header_again(head)
-    if fields is None or not MESSAGE <= fields.get(b"op", b"\x00")[0] <= CONNECTION:
+    op = 0 if fields is None else fields.get(b"op", b"\x00")[0]
+    if fields is None or not MESSAGE <= op <= CONNECTION:
         return None
     begin = position + 8 + len(head)
     end = begin + length
-    return Record(position, fields, begin, min(end, limit), end <= limit)
+    return Record(position, fields, op, begin, min(end, limit), end <= limit)
 
 
 def header(data: bytes) -> dict[bytes, bytes] | None:
@@ -235,11 +233,12 @@ def _others(data: Buffer, start: int, stop: int) -> list[tuple[int, bytes]] | No
 
 def walked_contents(data: Buffer, chunk: Chunk) -> Contents:
     """Find the messages of a chunk by going from record to record, over what is none by the index."""
+    places = [np.empty(0, np.int64), *(each[:, 1] for each in chunk.entries.values())]
+    table, rest, position = _alike_messages(data)
     rows: list[tuple[int, int, int, int, int]] = []
     others: list[tuple[int, bytes]] = []
     losses: list[Loss] = []
-    places = [np.empty(0, np.int64), *(each[:, 1] for each in chunk.entries.values())]
-    for record in _records(data, np.unique(np.concatenate(places))):
+    for record in chain(rest, _records(data, np.unique(np.concatenate(places)), position)):
         if isinstance(record, Gap):
             if chunk.complete:
                 losses.append(Loss(NO_RECORDS, chunk.offset, record.messages or None, bytes=record.bytes))
@@ -260,7 +259,77 @@ def walked_contents(data: Buffer, chunk: Chunk) -> Contents:
             losses.append(Loss("unreadable record in a chunk", chunk.offset, bytes=size))
         else:
             rows.append(row)
-    return replace(_contents(rows), others=others, losses=losses, as_indexed=not rows and not chunk.entries)
+    table = np.concatenate([table, np.array(rows, dtype=np.int64).reshape(-1, 5)])
+    nothing = not len(table) and not chunk.entries
+    return replace(_contents(table), others=others, losses=losses, as_indexed=nothing)
+
+
+def _alike_messages(data: Buffer) -> tuple[Times, list[Record], int]:
+    """Read the messages whose headers are alike but for connection and time, all at once.
+
+    Returns
+    -------
+    table : (n, 5) number, time [ns], place of the record, begin and size of each
+    rest : the other records between them
+    position : where the records end, or make no sense
+    """
+    offsets, sizes, position = _chain_of_records(data)
+    odd = np.ones(len(offsets), dtype=np.bool_)
+    tables = [np.empty((0, 5), np.int64)]
+    for size in np.unique(sizes):
+        group = np.flatnonzero(sizes == size)
+        found = _alike(data, offsets[group], int(size))
+        if found is not None:
+            tables.append(found[0])
+            odd[group[found[1]]] = False
+    rest: list[Record] = []
+    for offset in offsets[odd].tolist():
+        record = record_at(data, offset)
+        if record is None:
+            position = offset
+            break
+        rest.append(record)
+    table = np.concatenate(tables)
+    return table[table[:, 2] < position], rest, position
+
+
+def _chain_of_records(data: Buffer) -> tuple[Times, Times, int]:
+    """Places and sizes of the headers of records that follow one another, as long as they are complete."""
+    offsets, sizes = [], []
+    position, last = 0, len(data) - 8
+    read = _LENGTH.unpack_from
+    while position <= last:
+        (size,) = read(data, position)
+        begin = position + 4 + size
+        if size > LARGEST_HEADER or begin > last + 4:
+            break
+        end = begin + 4 + read(data, begin)[0]
+        if end > last + 8:
+            break
+        offsets.append(position)
+        sizes.append(size)
+        position = end
+    return np.array(offsets, dtype=np.int64), np.array(sizes, dtype=np.int64), position
+
+
+def _alike(data: Buffer, offsets: Times, size: int) -> tuple[Times, NDArray[np.bool_]] | None:
+    """Messages among records with headers of one size, and which they are; None if the first is none."""
+    first = record_at(data, int(offsets[0]))
+    if first is None or first.op != MESSAGE or first.fields.keys() != {b"op", b"conn", b"time"}:
+        return None  # of a header with more in it nobody knows where "conn=" may stand as well
+    if len(first.fields[b"conn"]) != 4 or len(first.fields[b"time"]) != 8:
+        return None
+    heads = equal_slices(data, offsets + 4, size + 4)
+    whole = heads[0].tobytes()
+    conn, time = whole.find(b"\x09\x00\x00\x00conn=") + 9, whole.find(b"\x0d\x00\x00\x00time=") + 9
+    numbers = heads[:, conn : conn + 4].copy().view("<u4")[:, 0].astype(np.int64)
+    moments = heads[:, time : time + 8].copy().view("<u4").astype(np.int64)
+    lengths = heads[:, size:].copy().view("<u4")[:, 0].astype(np.int64)
+    for begin, end in ((conn, conn + 4), (time, time + 8), (size, size + 4)):
+        heads[:, begin:end] = 0
+    like = (heads == heads[0]).all(axis=1)
+    times = moments[:, 0] * 1_000_000_000 + moments[:, 1]
+    return np.column_stack([numbers, times, offsets, offsets + size + 8, lengths])[like], like
 
 
 @dataclass(frozen=True)
@@ -271,9 +340,8 @@ class Gap:
     messages: int
 
 
-def _records(data: Buffer, listed: Times) -> Iterator[Record | Gap]:
+def _records(data: Buffer, listed: Times, position: int) -> Iterator[Record | Gap]:
     """Yield the records of a chunk; where there is none, the gap up to the next place that is ``listed``."""
-    position = 0
     while position < len(data):
         record = record_at(data, position)
         if record is not None and record.complete:
@@ -286,9 +354,8 @@ def _records(data: Buffer, listed: Times) -> Iterator[Record | Gap]:
         position = end
 
 
-def _contents(rows: list[tuple[int, int, int, int, int]]) -> Contents:
-    table: NDArray[np.int64] = np.array(rows, dtype=np.int64).reshape(-1, 5)
-    table = table[np.argsort(table[:, 0], kind="stable")]
+def _contents(table: Times) -> Contents:
+    table = table[np.lexsort((table[:, 2], table[:, 0]))]
     numbers, firsts = np.unique(table[:, 0], return_index=True)
     stops = [*firsts[1:].tolist(), len(table)]
     bounds = dict(zip(numbers.tolist(), zip(firsts.tolist(), stops, strict=False), strict=False))

@@ -85,11 +85,12 @@ class RecordedTopic:
     def columns(self, channel: Channel, stored: Stored, fields: Sequence[str]) -> Columns:
         """Decode messages of one channel; fields that its definition does not have are NaN."""
         of = self._of[id(channel)]
-        names = {field: self.expand(field) for field in fields}
-        held = [field for field, parts in names.items() if of.expanded(field) == parts]
-        read = of.decoder.columns(stored, held)
+        lacks = of.lacks(self, fields)
+        read = of.decoder.columns(stored, [field for field in fields if field not in lacks])
+        if not lacks:
+            return read
         nothing = np.full(len(read.log_time), np.nan)
-        parts = [part for expanded in names.values() for part in expanded]
+        parts = [part for field in fields for part in self.expand(field)]
         return replace(read, values={part: read.values.get(part, nothing) for part in parts})
 
     def useful(self, channel: Channel, fields: Sequence[str]) -> bool:
@@ -129,6 +130,11 @@ class RecordedTopic:
                 text = f"{count} messages are of a definition of {self.type} without {', '.join(lacking)}"
                 found.append(Damage(f"{self.name}: {text}", count if len(lacking) == len(fields) else None))
         return found
+
+    @property
+    def is_of_one_kind(self) -> bool:
+        """Whether all messages are decoded alike."""
+        return len(self._kinds) == 1
 
     def _readable(self) -> list[_Kind]:
         """Kinds of messages that can be decoded; ``FieldError`` where there is none."""
@@ -199,6 +205,8 @@ class _Kind:
 
     def lacks(self, topic: RecordedTopic, fields: Sequence[str]) -> list[str]:
         """Return those of these fields that its messages do not hold."""
+        if topic.is_of_one_kind:
+            return []
         return [field for field in fields if self.expanded(field) != topic.expand(field)]
 
 

@@ -112,3 +112,98 @@ def test_no_damage_stops_the_reader(tmp_path, place, size, cut):
         return
     for topic in log.topics:
         log.columns(topic.name, [])
+
+
+# --- chunks without an index ----------------------------------------------------------------------
+
+
+def record(fields, data=b""):
+    """A record: header fields in this order, then its data."""
+    head = b"".join(
+        struct.pack("<I", len(name) + 1 + len(value)) + name + b"=" + value for name, value in fields
+    )
+    return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
+
+
+def float64_message(k, order=0, more=()):
+    """Message number k of connection k % 3, its header fields in one of several orders."""
+    time = struct.pack("<II", START // 10**9, k)
+    fields = [(b"conn", struct.pack("<I", k % 3)), (b"op", b"\x02"), (b"time", time), *more]
+    return record(fields[order:] + fields[:order], struct.pack("<d", k))
+
+
+def bare_bag(path, contents, compression=b"none"):
+    """A bag of one chunk, without an index, that was not closed; three connections of Float64."""
+    kind = [
+        (b"type", b"std_msgs/Float64"),
+        (b"md5sum", b"0" * 32),
+        (b"message_definition", b"float64 data\n"),
+    ]
+    connections = [
+        record(
+            [(b"conn", struct.pack("<I", n)), (b"op", b"\x07"), (b"topic", b"/x%d" % n)],
+            record([(b"topic", b"/x%d" % n), *kind])[4:-4],
+        )
+        for n in range(3)
+    ]
+    data = b"".join([*connections, *contents])
+    fields = [(b"compression", compression), (b"op", b"\x05"), (b"size", struct.pack("<I", len(data)))]
+    none = struct.pack("<Q", 0)
+    head = record([(b"index_pos", none), (b"op", b"\x03")], bytes(100))
+    path.write_bytes(b"#ROSBAG V2.0\n" + head + record(fields, data))
+    return path
+
+
+def values_by_time(path):
+    log = open_log(path)
+    found = {}
+    for topic in log.topics:
+        columns = log.columns(topic.name, ["data"])
+        assert topic.messages == len(columns.log_time)
+        times = (columns.log_time - START).tolist()
+        assert times == sorted(times)
+        found.update(
+            zip(
+                times,
+                zip([topic.name] * len(times), columns.values["data"].tolist(), strict=True),
+                strict=True,
+            )
+        )
+    return found, log
+
+
+def expected(numbers):
+    return {k: (f"/x{k % 3}", float(k)) for k in numbers}
+
+
+def test_messages_whose_headers_are_alike_are_found_without_an_index(tmp_path):
+    found, _ = values_by_time(bare_bag(tmp_path / "a.bag", [float64_message(k) for k in range(300)]))
+    assert found == expected(range(300))
+
+
+def test_messages_with_headers_of_any_order_and_more_fields_are_found_without_an_index(tmp_path):
+    more = [(), ((b"note", b"=x"),), ((b"trap", b"\x09\0\0\0conn=\x07\0\0\0"),)]
+    contents = [float64_message(k, k // 7 % 3, more[k // 5 % 3]) for k in range(300)]
+    found, log = values_by_time(bare_bag(tmp_path / "a.bag", contents))
+    assert found == expected(range(300))
+    assert [each.what for each in log.damage] == ["a.bag: has no index, the recorder did not close it"]
+
+
+@pytest.mark.parametrize(
+    "bad", [b"\xff" * 50, bytes(50), record([(b"op", b"\x09")]), record([(b"conn", b"")])]
+)
+def test_what_comes_before_bytes_that_are_no_records_is_read_and_they_are_told(tmp_path, bad):
+    contents = [float64_message(k) for k in range(200)]
+    found, log = values_by_time(bare_bag(tmp_path / "a.bag", [*contents[:120], bad, *contents[120:]]))
+    assert found == expected(range(120))
+    assert "bytes in a chunk that are no records" in log.damage[0].what
+    assert log.damage[0].bytes_lost == len(bad) + sum(map(len, contents[120:]))
+
+
+def test_a_message_without_a_time_among_others_costs_itself(tmp_path):
+    odd = record([(b"conn", b"\1\0\0\0"), (b"op", b"\x02"), (b"tame", bytes(8))], bytes(8))
+    contents = [float64_message(k) for k in range(200)]
+    assert len(odd) == len(contents[0])
+    found, log = values_by_time(bare_bag(tmp_path / "a.bag", [odd, *contents[:90], odd, *contents[90:]]))
+    assert found == expected(range(200))
+    assert log.damage[0].what.startswith("a.bag: 2 times unreadable record in a chunk")
