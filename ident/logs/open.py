@@ -12,14 +12,15 @@ from ident.errors import UnusableLog
 from ident.logs import mdf, ros1, sqlite_file
 from ident.logs.bag import StoredLog, in_sequence, open_rosbag2, storage_files
 from ident.logs.compression import ZSTD_MAGIC, decompress_file
+from ident.logs.find import TABLES
 from ident.logs.mcap import McapStorage
 from ident.logs.mcap_records import MAGIC as MCAP_MAGIC
 from ident.logs.record import Channel, Log, Storage, Stored, Times
 from ident.logs.ros1 import Ros1Storage
 from ident.logs.sqlite_kinds import open_sqlite
-from ident.logs.table import PARQUET_MAGIC, SUFFIXES, TableLog
 from ident.results import Damage
 
+PARQUET_MAGIC = b"PAR1"
 READERS: dict[bytes, Callable[[Path], Storage]] = {
     MCAP_MAGIC: McapStorage,
     sqlite_file.MAGIC: open_sqlite,
@@ -37,7 +38,7 @@ def open_log(path: Path, files: Sequence[Path] = ()) -> Log:
     """
     try:
         if is_table(path):
-            return TableLog(path)
+            return _open_table(path)
         if is_mdf(path):
             return mdf.MdfLog(path)
         if path.is_dir():
@@ -73,7 +74,13 @@ def is_table(path: Path) -> bool:
     """Whether a file is a CSV or Parquet file, by its name or its first bytes."""
     if not path.is_file() or not path.stat().st_size:
         return False
-    return path.name.lower().endswith(SUFFIXES) or first_bytes(path).startswith(PARQUET_MAGIC)
+    return path.name.lower().endswith(TABLES) or first_bytes(path).startswith(PARQUET_MAGIC)
+
+
+def _open_table(path: Path) -> Log:
+    from ident.logs.table import TableLog  # noqa: PLC0415 (pandas takes a second to load, other logs need none)
+
+    return TableLog(path)
 
 
 def is_mdf(path: Path) -> bool:

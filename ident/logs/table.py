@@ -27,12 +27,11 @@ from numpy.typing import NDArray
 from ident.errors import UnusableLog
 from ident.logs.compression import most_bytes
 from ident.logs.csv_text import CsvText, read_csv
+from ident.logs.open import PARQUET_MAGIC
 from ident.logs.record import Columns, FieldError, Times, Topic, Values
 from ident.results import Damage
 from ident.yaml_file import nearest
 
-PARQUET_MAGIC = b"PAR1"
-SUFFIXES = (".csv", ".parquet")
 TIME_NAMES = ("time", "timestamp", "stamp", "t", "log_time", "seconds", "sec")
 FRACTIONS = ("nanosec", "nsec", "nanosecs", "nsecs")
 UNITS = {"s": 1e9, "sec": 1e9, "seconds": 1e9, "ms": 1e6, "us": 1e3, "µs": 1e3, "μs": 1e3, "ns": 1.0}

@@ -1,5 +1,8 @@
 """CSV and Parquet files: times, units, refusals."""
 
+import subprocess
+import sys
+
 import pandas as pd
 import pytest
 
@@ -151,3 +154,9 @@ def test_a_column_of_numbers_none_of_which_is_finite_is_read(tmp_path):
     values = log.columns("/run", ["a"]).values["a"]  # noqa: PD011 no frame
     assert str(values.tolist()) == "[inf, nan, -inf]"
     assert log.damage == []
+
+
+def test_logs_that_are_no_tables_are_read_without_what_reads_tables():
+    text = "import sys; import ident.logs; print([m for m in ('pandas', 'pyarrow') if m in sys.modules])"
+    found = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
