@@ -143,14 +143,14 @@ def _all_rows(database: sqlite3.Connection) -> Times | None:
     try:
         while (texts := database.execute(_ROWS_AT_ONCE, (first, MOST_ROWS)).fetchone())[0] is not None:
             columns = [_whole_numbers(text) for text in texts]
-            if len({len(column) for column in columns}) > 1 or columns[0][0] < first:
+            rising = columns[0][0] >= first and (np.diff(columns[0]) > 0).all()
+            if len({len(column) for column in columns}) > 1 or not rising:
                 return None
             parts.append(np.column_stack(columns))
             first = int(columns[0][-1]) + 1
     except (*UNREADABLE, TypeError, ValueError, OverflowError):
         return None
-    rows = np.concatenate(parts)
-    return rows if (np.diff(rows[:, 0]) > 0).all() else None
+    return np.concatenate(parts)
 
 
 def _whole_numbers(text: str) -> Times:

@@ -189,6 +189,18 @@ def test_times_and_topics_that_are_text_or_too_large_are_read_as_before(tmp_path
     assert log.columns("/x", ["data"]).values["data"].tolist() == [0, 1, 2, 3, 4, 5]
 
 
+@pytest.mark.parametrize("numbers", ["5,6", "6,5", "5,5", "5,x", "5,6,7"])
+def test_rows_that_a_damaged_file_gives_again_or_backwards_are_not_taken_together(numbers):
+    class Damaged:
+        def execute(self, *_):
+            return self
+
+        def fetchone(self):
+            return numbers, "1,1", "1,1"
+
+    assert sqlite._all_rows(Damaged()) is None
+
+
 @pytest.mark.parametrize(
     ("statement", "reason"),
     [
