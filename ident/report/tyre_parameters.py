@@ -75,6 +75,7 @@ DISPLAYED = {
     "rad/s": (1e3, "mrad/s"),
 }
 """SI unit -> factor and unit of what is shown."""
+ANGULAR, LARGE_ANGLE = ("rad", "rad/s"), 1.0  # from which on a parameter stays in its unit
 
 ERRORS = (
     *("yaw_rate", "lateral_acceleration", "lateral_velocity", "heading"),
@@ -115,6 +116,8 @@ def short_name(name: str) -> str:
 def displayed(estimate: Estimate) -> Estimate:
     """Give an estimate in the unit in which it is shown."""
     factor, unit = DISPLAYED.get(estimate.unit, (1.0, estimate.unit))
+    if estimate.unit in ANGULAR and abs(estimate.value or 0.0) >= LARGE_ANGLE:
+        factor, unit = 1.0, estimate.unit
     value, std, low, high = (
         None if part is None else part * factor
         for part in (estimate.value, estimate.std, estimate.low, estimate.high)

@@ -116,7 +116,7 @@ class FoundEffect:
     equation : in MathML; meaning : of the equation and its size, in words
     meanings : parameter -> what it is, in words
     same_in_runs_p : p-value of the hypothesis that its size is the same in all runs that tell it
-    share : of the noise-corrected error that it takes away, signal by signal
+    share : of the noise-corrected error that all that was added to its layer takes away, signal by signal
     """
 
     key: str

@@ -255,8 +255,16 @@ def _named(one: FoundEffect) -> str:
     )
     if estimate.value is None or estimate.std is None:
         return plain + others
-    unit = "" if estimate.unit == "1" else f" {estimate.unit}"
-    return f"{plain}, {name.replace('_', ' ')} {estimate.value:.3g} ± {1.96 * estimate.std:.1g}{unit}{others}"
+    factor, unit = _shown(estimate.unit, estimate.value)
+    size = f"{factor * estimate.value:.3g} ± {factor * 1.96 * estimate.std:.1g}"
+    after = "" if unit == "1" else f" {unit}"
+    return f"{plain}, {name.replace('_', ' ')} {size}{after}{others}"
+
+
+def _shown(unit: str, value: float) -> tuple[float, str]:
+    """Factor and unit in which a size is told."""
+    factor, own = (1e3, f"m{unit}") if unit in MILLI and abs(value) < 1 else (1.0, unit)
+    return factor, own.replace("^2", "²").replace("^3", "³")
 
 
 def _largest(error: ErrorComparison) -> str:
@@ -267,6 +275,6 @@ def _largest(error: ErrorComparison) -> str:
     name = max(gains, key=lambda key: gains[key], default=None)
     if name is None or gains[name] <= 1:
         return ""
-    factor, unit = (1e3, f"m{unit_of(name)}") if unit_of(name) in MILLI else (1.0, unit_of(name))
+    factor, unit = _shown(unit_of(name), error.before[name].value)
     before, after = error.before[name].value * factor, error.after[name].value * factor
-    return f"; {name.replace('_', ' ')} error {before:.3g} -> {after:.3g} {unit.replace('^2', '²')}"
+    return f"; {name.replace('_', ' ')} error {before:.3g} → {after:.3g} {unit}"

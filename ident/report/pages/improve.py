@@ -92,7 +92,13 @@ def _effects(result: ImproveResult) -> list[Block]:
         blocks += _effect(effect)
     if result.discovered is not None:
         blocks += _discovered(result.discovered)
+    share = {name: one for found in _added(result) for name, one in found.share.items()}
+    blocks += [Lines(_shares(share, together=len(_added(result)) > 1))] if share else []
     return blocks or [Text(_nothing(result), "muted")]
+
+
+def _added(result: ImproveResult) -> list[FoundEffect | Discovered]:
+    return [*result.effects, *([] if result.discovered is None else [result.discovered])]
 
 
 def _nothing(result: ImproveResult) -> str:
@@ -114,7 +120,6 @@ def _effect(effect: FoundEffect) -> list[Block]:
     if same is not None:
         said = "the runs contradict each other" if same < AGREE_FROM else "the runs agree on its size"
         told.append(("Run by run:", f"{said} ({p_value(same)})."))
-    told += _shares(effect.share)
     others = [effect_name(one) for one in effect.members if one not in (effect.key, effect.name)]
     if others:
         told.append(("These data cannot tell it from:", f"{', '.join(others)}."))
@@ -122,9 +127,10 @@ def _effect(effect: FoundEffect) -> list[Block]:
     return [*typeset, tables_of.parameters(effect), Lines(told)]
 
 
-def _shares(share: Mapping[str, float]) -> list[tuple[str, str]]:
+def _shares(share: Mapping[str, float], *, together: bool) -> list[tuple[str, str]]:
     parts = [f"{name.replace('_', ' ')} {fixed(100 * share[name], 0)}\u00a0%" for name in in_order(share)]
-    return [("Takes away, of the error above the noise:", f"{', '.join(parts)}.")] if parts else []
+    head = "All together take away" if together else "Takes away"
+    return [(f"{head}, of the error above the noise:", f"{', '.join(parts)}.")]
 
 
 def _discovered(found: Discovered) -> list[Block]:
@@ -133,7 +139,6 @@ def _discovered(found: Discovered) -> list[Block]:
         (head, "no effect of the catalogue; the term that fits what is left best, without a physical name."),
         ("Coefficient:", f"{size_text(found.coefficient)}, {p_value(found.p_value)}."),
         ("Chosen in half-samples:", f"{fixed(100 * found.stability, 0)}\u00a0% of them."),
-        *_shares(found.share),
     ]
     return [equation(found.mathml), Lines(told)]
 
