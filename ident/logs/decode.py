@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -204,6 +205,7 @@ def _schema(channel: Channel) -> Schema:
     raise FieldError(f"message definition in {channel.definition_format!r} is not read")
 
 
+@lru_cache(maxsize=1 << 14)
 def _steps(name: str) -> cdr.Path:
     """Split ``a.b[2]`` into ("a", "b", 2)."""
     return tuple(int(step) if step.isdigit() else step for step in re.findall(r"\w+", name))

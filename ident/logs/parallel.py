@@ -6,7 +6,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
-from itertools import islice
+from itertools import chain, islice
 from typing import TypeVar
 
 Job = TypeVar("Job")
@@ -24,6 +24,11 @@ def in_order(work: Callable[[Job], Result], jobs: Iterable[Job]) -> Generator[Re
     """Yield the results in the order of the jobs; only a few are worked at or wait at any moment."""
     waiting: deque[Future[Result]] = deque()
     left = iter(jobs)
+    first = list(islice(left, 2))
+    if len(first) < 2:  # a thread would be made for nothing
+        yield from map(work, first)
+        return
+    left = chain(first, left)
     with ThreadPoolExecutor(threads(), thread_name_prefix="unpack") as pool:
         try:
             for job in islice(left, threads() + AHEAD):
