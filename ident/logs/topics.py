@@ -254,7 +254,7 @@ def gather_topics(storages: Sequence[Storage], some: Some) -> dict[str, Recorded
         topics[name] = RecordedTopic(name, name, main, some)
         others += [(name, each) for each in rest]
     for recorded, each in others:
-        name = _unused(f"{recorded} ({each[0][1].type})", topics)
+        name = _unused(f"{recorded} ({normal(each[0][1].type)})", topics)
         topics[name] = RecordedTopic(name, recorded, each, some)
     return topics
 

@@ -240,8 +240,19 @@ def test_ros_names_stand_in_the_log(recorded: Recorded) -> None:
     names = {topic.name for topic in log.topics}
     assert {"/reading", "vehicle/state"} <= names
     assert "camera" not in names
-    assert [defect.messages_lost for defect in log.damage] == [COUNT]
-    assert "twin: recorded as truck::Plain and as truck_msgs::msg::dds_::Reading_" in log.damage[0].what
+    log.close()
+
+
+def test_two_types_of_one_topic_are_read_as_two(recorded: Recorded) -> None:
+    log = open_log(recorded.path)
+    (told,) = log.damage
+    assert "twin: recorded as truck::Plain and as truck_msgs::msg::dds_::Reading_" in told.what
+    assert told.messages_lost is None
+    read = log.read({"twin": ["x"], "twin (truck_msgs/msg/Reading)": ["value"]})
+    assert [columns.values[name].tolist() for columns in read.values() for name in columns.values] == [
+        [-1.5 * i for i in range(COUNT)],
+        [0.25 * i for i in range(COUNT)],
+    ]
     log.close()
 
 
