@@ -83,6 +83,7 @@ class ChunkedStorage(ABC):
         self._chunks: list[Chunk] = []
         self._loose: dict[int, Loose] = {}
         self._losses: list[Loss] = []
+        self._totals: dict[int, int] | None = None
         self._kept: list[_Kept] = []
         self._chunks_kept = 0
 
@@ -149,6 +150,7 @@ class ChunkedStorage(ABC):
         contents = found.contents
         if all(chunk.looked for chunk in found.chunks):
             return True
+        self._totals = None
         for chunk in found.chunks:
             chunk.looked = True
         chunk = found.chunks[0]
@@ -222,14 +224,9 @@ class ChunkedStorage(ABC):
 
     def count(self, channel: Channel) -> int:
         """How many messages of a channel there are, as far as is known."""
-        numbers = self._numbers.get(id(channel), [])
-        loose = sum(len(self._loose[number].times) for number in numbers if number in self._loose)
-        return loose + sum(
-            len(chunk.entries[number])
-            for chunk in self._chunks
-            for number in numbers
-            if number in chunk.entries
-        )
+        if self._totals is None:
+            self._totals = self._counts()
+        return sum(self._totals.get(number, 0) for number in self._numbers.get(id(channel), []))
 
     def times(self, channel: Channel) -> Times:
         """Log times of a channel [ns], in the order of the file."""
