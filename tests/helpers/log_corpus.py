@@ -94,6 +94,24 @@ def mcap_seeds(folder: Path) -> Iterator[Seed]:
     yield Seed("unchunked", {"a.mcap": path.read_bytes()})
     yield Seed("no checksums", {"a.mcap": _mcap(use_chunking=True)})
     yield Seed("no summary", {"a.mcap": _mcap(use_chunking=False, **NO_SUMMARY)})
+    yield Seed("two types", {"a.mcap": _two_types()})
+
+
+def _two_types() -> bytes:
+    """One topic with two types, of one of which there are two definitions."""
+    file = io.BytesIO()
+    writer = McapWriter(file, chunk_size=300)
+    writer.start(profile="ros2")
+    kinds = [("a/msg/X", b"float64 x\n"), ("a/msg/X", b"float64 y\nfloat64 x\n"), ("a/msg/Y", b"int32 x\n")]
+    channels = [
+        writer.register_channel("/t", "cdr", writer.register_schema(kind, "ros2msg", text))
+        for kind, text in kinds
+    ]
+    for k in range(24):
+        data = b"\x00\x01\x00\x00" + (struct.pack("<i", k) if k % 3 == 2 else struct.pack("<dd", k, -k))
+        writer.add_message(channels[k % 3], START + k, data[:12] if k % 3 == 0 else data, START + k)
+    writer.finish()
+    return file.getvalue()
 
 
 NO_SUMMARY = {"use_statistics": False, "use_summary_offsets": False, "repeat_channels": False}

@@ -23,7 +23,7 @@ from ident.logs.type_object import read_type_objects
 QUICK = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 FEW = 20
 ANY = 10_000_000  # numbers far from those of the study
-DAMAGED = {"no footer", "no checksums", "no summary", "active"}
+DAMAGED = {"no footer", "no checksums", "no summary", "active", "two types"}
 
 
 @pytest.mark.parametrize("kind", list(SEEDS))
