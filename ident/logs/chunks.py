@@ -28,7 +28,7 @@ from ident.logs.source import Source
 from ident.results import Damage
 
 JOB_BYTES = 6 << 20
-PIECE_BYTES = 8 << 20
+PIECE_BYTES = 4 << 20
 KEPT_BYTES = 64 << 20
 Target = Callable[[int], memoryview]
 

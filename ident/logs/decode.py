@@ -101,11 +101,12 @@ class BinaryDecoder:
             self._encoding,
         )
         errors = [LOST] * int(np.count_nonzero(~present)) + read.errors
-        kept = np.flatnonzero(present)[read.good]
+        good = slice(None) if read.good.all() else read.good
+        kept = slice(None) if not errors else np.flatnonzero(present)[read.good]
         return Columns(
             stored.times[kept],
-            self._stamps([read.whole[_steps(name)][read.good] for name in parts], stored, kept),
-            {name: read.columns[path][read.good] for path, name in names.items()},
+            self._stamps([read.whole[_steps(name)][good] for name in parts], stored, kept),
+            {name: read.columns[path][good] for path, name in names.items()},
             [Damage(f"cannot be decoded: {errors[0]}", len(errors))] if errors else [],
         )
 
@@ -123,7 +124,7 @@ class BinaryDecoder:
             raise FieldError(f"field {name!r} of {self.type} is text, need a number")
         raise FieldError(f"field {name!r} is an array, need one of its elements: '{name}[0]'")
 
-    def _stamps(self, parts: Sequence[Times], stored: Stored, kept: NDArray[np.intp]) -> Times | None:
+    def _stamps(self, parts: Sequence[Times], stored: Stored, kept: NDArray[np.intp] | slice) -> Times | None:
         if parts:
             return parts[0] * 1_000_000_000 + parts[1]
         return None if stored.published is None else stored.published[kept]
