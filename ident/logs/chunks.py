@@ -27,7 +27,7 @@ from ident.logs.record import Channel, Stored, Times, join_stored
 from ident.logs.source import Source
 from ident.results import Damage
 
-JOB_BYTES = 6 << 20
+JOB_BYTES = 3 << 20
 PIECE_BYTES = 4 << 20
 KEPT_BYTES = 64 << 20
 Target = Callable[[int], memoryview]
