@@ -25,8 +25,8 @@ def in_order(work: Callable[[Job], Result], jobs: Iterable[Job]) -> Generator[Re
     waiting: deque[Future[Result]] = deque()
     left = iter(jobs)
     first = list(islice(left, 2))
-    if len(first) < 2:  # a thread would be made for nothing
-        yield from map(work, first)
+    if len(first) < 2 or threads() < 2:  # a thread would be made for nothing
+        yield from map(work, chain(first, left))
         return
     left = chain(first, left)
     with ThreadPoolExecutor(threads(), thread_name_prefix="unpack") as pool:
