@@ -40,7 +40,7 @@ FEWEST_RISING = 0.9
 MOST_COLUMNS = 10_000
 SURE = {"time", "timestamp", "log_time"}
 KIND = "table"
-_WHOLE = re.compile(r"\s*[+-]?\d{1,18}\s*|\s*[+-]?[1-8]\d{18}\s*")
+_WHOLE = re.compile(r" *[+-]?([0-9]{1,18}|[1-8][0-9]{18}) *")
 _UNIT = re.compile(r"(.+?)\s*(?:_|\s|\[|\()\s*(s|sec|seconds|ms|us|µs|μs|ns)\s*[\])]?")
 
 

@@ -133,6 +133,18 @@ def test_one_bad_cell_among_many_costs_no_other_and_times_stay_exact(tmp_path, t
     assert [count for _, count in said(log)] == [None, None, None]
 
 
+@pytest.mark.parametrize(
+    "cell", ["\x1d1700000002", "\u06611700000002", "1_700_000_002", "+", "1e400", "9" * 40]
+)
+def test_a_time_that_only_looks_like_a_whole_number_costs_its_row(tmp_path, cell):
+    rows = [f"{1_700_000_000 + k},{k}" for k in range(6)]
+    rows[2] = f"{cell},2"
+    log = open_log(table(tmp_path, "\n".join(["time,a", *rows, "x,7", ""])))
+    assert log.columns("/run", ["a"]).values["a"].tolist() == [0, 1, 3, 4, 5]  # noqa: PD011 no frame
+    assert log.times("/run").tolist() == [(1_700_000_000 + k) * 10**9 for k in (0, 1, 3, 4, 5)]
+    assert ("rows without a time, first at row 3", 2) in said(log)
+
+
 def test_zeros_at_the_end_of_a_file_cost_nothing_else(tmp_path):
     path = table(tmp_path, "time,a\n0,1\n1,2\n")
     size = path.stat().st_size
