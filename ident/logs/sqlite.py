@@ -43,7 +43,8 @@ class SqliteStorage:
 
     def count(self, channel: Channel) -> int:
         """How many messages of a channel there are."""
-        return sum(self._counts.get(number, 0) for number in self._numbers.get(id(channel), []))
+        numbers = set(self._numbers.get(id(channel), []))  # a damaged table may list a topic twice
+        return sum(self._counts.get(number, 0) for number in numbers)
 
     def times(self, channel: Channel) -> Times:
         """Log times of a channel [ns], in the order in which they were recorded."""

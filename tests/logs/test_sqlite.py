@@ -169,6 +169,20 @@ def test_messages_of_any_bytes_and_sizes_come_out_as_they_went_in(tmp_path, enco
     assert storage.count(channel) == len(messages)
 
 
+def test_a_topic_that_is_listed_twice_is_counted_once(tmp_path):
+    path = tmp_path / "x.db3"
+    database = sqlite3.connect(path)
+    database.execute("CREATE TABLE topics (id, name, type, serialization_format)")
+    database.execute("CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id, timestamp, data)")
+    database.executemany("INSERT INTO topics VALUES (1, '/x', 'std_msgs/msg/Float64', 'cdr')", [(), ()])
+    database.executemany("INSERT INTO messages VALUES (?, 1, ?, ?)", [(k, k, float64(k)) for k in range(4)])
+    database.commit()
+    database.close()
+    log = open_log(path)
+    assert [topic.messages for topic in log.topics] == [len(log.times("/x"))] == [4]
+    assert log.columns("/x", ["data"]).values["data"].tolist() == [0, 1, 2, 3]
+
+
 def test_a_message_without_data_costs_no_other_and_little_time(tmp_path, monkeypatch):
     alone = []
     read = sqlite._read_data
