@@ -46,6 +46,7 @@ study: $(VENV)/dev.stamp
 	$(BIN)/python studies/improve_null.py --sets 100 --jobs 2
 	$(BIN)/python studies/improve_power.py --seeds 20 --jobs 2 --hours 2
 	$(BIN)/python studies/improve_whole.py --seeds 60 --jobs 2 --hours 2
+	$(BIN)/python studies/improve_coverage.py --sets 500 --jobs 2 --hours 2
 	$(BIN)/python studies/controller_weights.py
 	$(BIN)/python studies/damage_table.py
 	$(BIN)/python studies/fuzz_logs.py --count 100000 --hours 2
