@@ -67,7 +67,8 @@ def open_storage(path: Path) -> Storage:
             return reader(path)
     if head.startswith(ZSTD_MAGIC):
         return _open_compressed(path)
-    raise UnusableLog(f"{path}: is no log (first bytes {head[:8].hex(' ')}), need MCAP or rosbag2")
+    known = "MCAP, rosbag2, ROS 1, SQLite of eProsima or RTI, MDF 4, CSV or Parquet"
+    raise UnusableLog(f"{path}: is no log (first bytes {head[:8].hex(' ')}), need {known}")
 
 
 def is_table(path: Path) -> bool:
