@@ -50,7 +50,7 @@ from ident.stages.output import Context, StageOutput
 
 NO_ERROR = ErrorComparison({}, {}, {}, "none")
 TOLD_BY_SENSORS = ("wheel_speed_scale", "sensor_bias yaw_rate", "sensor_latency yaw_rate")
-DIFFERENT = 1e-6  # p-value below which an effect is not of one size in all runs
+DIFFERENT = 1e-3  # p-value below which an effect is not of one size in all runs
 MILLI = ("rad", "rad/s")
 
 
@@ -224,7 +224,7 @@ def _unlike(effects: Sequence[FoundEffect]) -> list[str]:
     return [
         f"{one.key}: its size differs between runs (p = {one.same_in_runs_p:.2g})"
         for one in effects
-        if one.same_in_runs_p is not None and one.same_in_runs_p < 1e-3
+        if one.same_in_runs_p is not None and one.same_in_runs_p < DIFFERENT
     ]
 
 
