@@ -13,6 +13,7 @@ from ident.dynamics.effects.catalogue import CATALOGUE, not_built
 from ident.estimation.improvement import Improvement, Tried, improve_layers, with_term
 from ident.estimation.layer import EffectCard, Shape
 from ident.estimation.residual_tests import Screened, screen
+from ident.stages.improve import verdict_of
 from ident.stages.improve_held_out import Compared
 from ident.stages.improve_told import (
     _candidate,
@@ -257,3 +258,18 @@ def test_an_effect_that_the_fit_takes_up_is_listed_as_not_testable() -> None:
     told = {one.what: one.reason for one in not_testable(found, found.rounds[-1].screen, {})}
     assert told["e2"] == "the fitted parameters take up all that it does here"
     assert "e2" not in minimum_detectable(found.rounds[-1].screen, found.layers)
+
+
+def test_an_effect_that_only_half_of_the_runs_show_has_no_name() -> None:
+    whole = made_layer({}, 3)
+    seen = replace(whole, values=whole.values + SIZE * column(3) * (whole.run < 2))
+    everywhere = replace(whole, values=whole.values + SIZE * column(3))
+    verdicts = {}
+    for name, layer in (("half", seen), ("all", everywhere)):
+        found = improved(layer)
+        assert found.added == [("motion", "e3")]
+        assert found.passes
+        verdicts[name] = verdict_of(found)
+    assert verdicts["all"] == ("named", "")
+    assert verdicts["half"][0] == "unexplained"
+    assert verdicts["half"][1].startswith("e3 is not of one size in all runs (p = ")
