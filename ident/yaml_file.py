@@ -38,6 +38,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
         data = YAML(typ="safe", pure=True).load(text)
     except YAMLError as error:
         raise BadRecipe(f"{path}: {_yaml_problem(error)}") from error
+    except ValueError as error:  # what looks like a date, and is none
+        raise BadRecipe(f"{path}: holds a value that cannot be: {error}") from error
     if data is None:
         return {}
     if not isinstance(data, dict):

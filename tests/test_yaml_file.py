@@ -123,3 +123,10 @@ def test_gives_the_value_found_and_the_kind_needed() -> None:
 def test_gives_a_validators_own_message() -> None:
     message = problem({"entries": {"speed": {"topic": "v"}}})
     assert message == "recipe.yaml: entries.speed.topic: topic v does not begin with /"
+
+
+def test_a_date_that_cannot_be_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "channels.yaml"
+    path.write_text("since: 2025-13-01\n", encoding="utf-8")
+    with pytest.raises(BadRecipe, match=r"channels\.yaml: holds a value that cannot be: month must be in"):
+        read_yaml(path)

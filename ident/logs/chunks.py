@@ -311,6 +311,8 @@ class ChunkedStorage(ABC):
             np.concatenate([np.array(getattr(each, name), dtype=np.int64) for each in found])
             for name in ("begins", "sizes", "times", "published")
         )
+        if not begins.size:
+            return
         order = np.argsort(begins, kind="stable")
         run = np.searchsorted([chunk.offset for chunk in self._chunks], begins[order])
         for rows in np.split(order, np.flatnonzero(np.diff(run)) + 1):

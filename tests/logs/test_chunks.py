@@ -425,3 +425,12 @@ def test_needed_messages_that_are_large_are_decoded_bit_by_bit(tmp_path, small_s
 def test_the_type_of_a_channel_is_what_it_was(tmp_path):
     (one, two) = open_log(both(tmp_path)).topics
     assert (one.type, two.type) == (ANGLE, ANGLE)
+
+
+def test_a_channel_that_is_known_outside_chunks_and_has_no_message_there_costs_nothing(tmp_path):
+    storage = ros1.Ros1Storage(ros1_bag(tmp_path))
+    for channel in storage.channels:
+        before = storage.messages(channel)
+        storage._loose = {number: chunks.Loose() for number in storage._numbers[id(channel)]}
+        assert storage.messages(channel).times.tolist() == before.times.tolist()
+        assert storage.times(channel).size == COUNT
