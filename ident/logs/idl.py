@@ -41,7 +41,7 @@ _SIMPLE: dict[str, Kind] = {
 _EXTENSIBILITY = {"final", "appendable", "mutable"}
 _ID_BITS = 0x0FFFFFFF
 _UNSIGNED = ((8, "uint8"), (16, "uint16"), (32, "uint32"), (64, "uint64"))
-_MOST_TOKENS = 1_000_000
+_MOST_TOKENS = 200_000
 
 
 @dataclass
