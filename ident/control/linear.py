@@ -101,8 +101,9 @@ def held_step(A: Array, B: Array, g: Array, steps: Array) -> tuple[Array, Array,
     """
     powers, integrals = np.empty_like(A), np.empty_like(A)
     _exponentials(np.ascontiguousarray(A), np.ascontiguousarray(steps, dtype=np.float64), powers, integrals)
-    driven: Array = np.matmul(integrals, B)
-    pushed: Array = np.matmul(integrals, g[:, :, None])[:, :, 0]
+    with np.errstate(all="ignore"):  # what blows up is not finite, which no program is made from
+        driven: Array = np.matmul(integrals, B)
+        pushed: Array = np.matmul(integrals, g[:, :, None])[:, :, 0]
     return powers, driven, pushed
 
 
