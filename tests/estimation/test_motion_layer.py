@@ -12,10 +12,12 @@ from motion_campaign import RUNS, SEED, driven, layer_over
 from motion_case import TRUCK, TRUE, layer_of, records
 from plane_truck import NOISE, PlaneTruck
 
+from ident.estimation.improvement import BEHIND
 from ident.estimation.layer import SIZE
 from ident.estimation.motion_effects import motion_effects
 from ident.estimation.motion_fit import MotionFit
 from ident.estimation.motion_layer import MotionLayer
+from ident.estimation.motion_scores import Projection
 from ident.estimation.residual_tests import screen
 from ident.estimation.vehicle_records import Samples
 
@@ -79,6 +81,17 @@ def test_an_effect_that_is_not_there_gains_next_to_nothing() -> None:
 
 
 # --- two effects -----------------------------------------------------------------------------------
+
+
+def test_a_rough_likelihood_by_another_noise_errs_by_less_than_what_is_out_of_reach() -> None:
+    fit = sound(1)
+    factors = {"yaw_rate": 2.0, "lateral_acceleration": 0.5}
+    noise = {n: replace(one, std=one.std * factors.get(n, 1.0)) for n, one in fit.point.noise.items()}
+    like = replace(fit, point=fit.point.with_noise(noise))
+    rough, exact = (float(fit.likelihood(like, roughly=one).values.sum()) for one in (True, False))
+    stays = float(Projection(like.point).likelihood().values.sum())
+    assert stays < exact < rough  # no prior holds back what is projected
+    assert rough - exact < 0.2 * BEHIND
 
 
 def test_two_effects_are_fitted_together() -> None:

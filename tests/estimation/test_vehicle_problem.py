@@ -196,6 +196,19 @@ def test_a_part_of_the_path_that_is_moved_and_turned_as_a_whole_leaves_no_residu
             assert np.sqrt(np.mean(left**2)) < most, name
 
 
+def test_another_noise_needs_nothing_simulated_again_and_weighs_the_same():
+    point = generic_point(problem_of(records(), ratio=False))
+    assert np.isfinite(point.value)
+    assert point.triangle().size
+    other = {name: replace(one, std=2.5 * one.std) for name, one in point.noise.items()}
+    kept, anew = point.with_noise(other), replace(point, noise=other)
+    assert kept.outputs is point.outputs
+    assert kept.residuals is point.residuals
+    assert kept.value == pytest.approx(anew.value, rel=1e-12)
+    assert kept.value < point.value
+    np.testing.assert_allclose(np.abs(kept.triangle()), np.abs(anew.triangle()), rtol=1e-9, atol=1e-9)
+
+
 def test_from_a_point_whose_derivatives_are_no_numbers_no_step_leads_on():
     point = generic_point(problem_of(records(), ratio=False))
     assert point.smooth
