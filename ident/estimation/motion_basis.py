@@ -52,7 +52,7 @@ class Trajectory:
 def trajectory_of(point: VehiclePoint) -> Trajectory:
     """Simulate the fitted model."""
     problem, windows = point.problem, point.problem.windows
-    inputs, _ = problem.driven(point.shared)
+    inputs, _ = problem.driven(point.shared, point.of_runs)
     engine = problem.engine
     states, outputs = engine.simulate(
         np.ascontiguousarray(point.local[:, : problem.states]),

@@ -23,11 +23,11 @@ from ident.estimation.motion_screen import MotionDirections, motion_directions
 from ident.estimation.motion_starts import (
     minimised,
 )
+from ident.estimation.reported_fit import reported_fit
 from ident.estimation.vehicle_fit import (
     VehicleFit,
     identify_noise,
     inflation,
-    reported_fit,
     shift_by_run,
 )
 from ident.estimation.vehicle_point import VehiclePoint
@@ -84,7 +84,7 @@ class MotionFit:
     @cached_property
     def final(self) -> VehicleFit:
         """The fit as it is reported: least squares where something is left that is no noise."""
-        return reported_fit(self.point, self.layer.floor)
+        return reported_fit(self.point, self.layer.floor, self.layer.own_noise)
 
     def scores(self) -> LayerScores:
         """See :class:`~ident.estimation.layer.LayerFit`."""

@@ -42,11 +42,12 @@ from ident.estimation.motion_starts import (
     settled,
     terms_of_runs,
 )
+from ident.estimation.noisy_inputs import OwnNoise, own_noise
 from ident.estimation.tyre_fit import AXLES, BANK, SENSOR_BIAS, WINDOW, Body, coordinates_of
 from ident.estimation.vehicle_fit import (
     rough_point,
 )
-from ident.estimation.vehicle_inputs import Around
+from ident.estimation.vehicle_inputs import Around, begin_terms
 from ident.estimation.vehicle_point import VehiclePoint
 from ident.estimation.vehicle_problem import VehicleProblem
 from ident.estimation.vehicle_records import MotionRecord, Windows, cut
@@ -109,6 +110,11 @@ class MotionLayer:
         return input_noise(self.records)
 
     @cached_property
+    def own_noise(self) -> list[OwnNoise]:
+        """Of the inputs, as their calm parts show it."""
+        return own_noise(self.records)
+
+    @cached_property
     def effects(self) -> dict[str, MotionEffect]:
         """The effects that these data can test, by key."""
         signals = list(self.windows.signals)
@@ -139,9 +145,11 @@ class MotionLayer:
         fixed = {
             name: value for name, value in given.items() if name in engine.parameters and name not in own
         }
+        blocks = tuple(block for effect in effects for block in effect.blocks)
         terms = [*self.base_terms, *(term for effect in effects for term in effect.run_terms)]
+        terms += begin_terms(blocks, self.windows)
         around = Around(
-            tuple(block for effect in effects for block in effect.blocks),
+            blocks,
             {signal: name for effect in effects for signal, name in (effect.late or {}).items()},
             {key: self._pushes(key) for key in generic},
         )
@@ -285,10 +293,10 @@ class MotionLayer:
         layer, fit = self.of_runs(runs), motion_fit(fit)
         problem = layer.problem(fit.keys)
         mean = fit.point.of_runs.mean(axis=0) if fit.point.of_runs.size else np.zeros(0)
-        names = [term.name for term in fit.point.problem.run_terms]
-        of_runs = np.array(
-            [[mean[names.index(t.name)] if t.name in names else 0.0 for t in problem.run_terms]] * len(runs)
-        ).reshape(len(runs), len(problem.run_terms))
+        known = {t.name: float(m) for t, m in zip(fit.point.problem.run_terms, mean, strict=True)}
+        own = np.array([known.get(term.name, 0.0) for term in problem.run_terms])
+        own[problem.begins] = 0.0
+        of_runs = np.tile(own, (len(runs), 1))
         point = VehiclePoint(problem, fit.point.shared, of_runs, problem.initial_local, fit.point.noise)
         return _errors(settled(point))
 

@@ -79,6 +79,22 @@ def bins_of(point: VehiclePoint) -> Bins:
     )
 
 
+@dataclass(frozen=True)
+class _RunParts:
+    """One run, its own terms eliminated.
+
+    windows : numbers of its windows
+    to_shared (b, s), to_rows (b, c) : how the terms follow the shared parameters and the rows
+    inner (s, s), target (s, c) : products of the shared columns with themselves and with the rows
+    """
+
+    windows: list[int]
+    to_shared: Array
+    to_rows: Array
+    inner: Array
+    target: Array
+
+
 class Projection:
     """What is left of directions once the fit has taken up all that it can."""
 
@@ -113,9 +129,9 @@ class Projection:
 
         combined : (p, c) of the probes
         """
-        columns = {name: one @ combined for name, one in self._whitened(probes).items()}
+        columns = {name: one @ combined for name, one in self.whitened(probes).items()}
         before = sum(np.sum(one**2, axis=0) for one in columns.values())
-        rows = self._freed(columns)
+        rows = self.freed(columns)
         size = combined.shape[1]
         energy, gram = np.zeros((self.bins.run.size, size)), np.zeros((size, size))
         for number, own in enumerate(rows):
@@ -136,7 +152,7 @@ class Projection:
             for values in one.drawn(windows, OF_A_KIND, SEED).T
         ]
         kind = np.repeat(np.arange(1, len(noises) + 1), OF_A_KIND)
-        return DrawnNoise(kind, self._freed(self._whitened(probes)), [one.most for one in noises])
+        return DrawnNoise(kind, self.freed(self.whitened(probes)), [one.most for one in noises])
 
     def of_all_input_noise(self, noises: Sequence[InputNoise], variances: Array) -> DrawnNoise:
         """What all kinds do together, each with its variance in units of its draws; freed likewise."""
@@ -146,7 +162,7 @@ class Projection:
             if variance > 0:
                 total[one.name] += np.sqrt(variance) * one.drawn(windows, OF_ALL, SEED + 1)
         probes = [Probe(inputs={name: v[:, number] for name, v in total.items()}) for number in range(OF_ALL)]
-        return DrawnNoise(np.ones(OF_ALL, dtype=np.intp), self._freed(self._whitened(probes)))
+        return DrawnNoise(np.ones(OF_ALL, dtype=np.intp), self.freed(self.whitened(probes)))
 
     def residuals(self, point: VehiclePoint | None = None) -> list[Array]:
         """(n,) of each window: whitened residual, freed of what the fit takes up.
@@ -155,9 +171,9 @@ class Projection:
             residual is to first order that of a fit to them; the fit itself unless given
         """
         other = point or self.point
-        return [own[:, 0] for own in self._freed({name: one[:, -1:] for name, one in other.white.items()})]
+        return [own[:, 0] for own in self.freed({name: one[:, -1:] for name, one in other.white.items()})]
 
-    def _freed(self, of_signal: dict[str, Array]) -> list[Array]:
+    def freed(self, of_signal: dict[str, Array]) -> list[Array]:
         """(n, c) of each window, freed of initial states, terms of the runs and shared parameters."""
         rows = [
             self._without_start(self._rows(of_signal, number), number) for number in range(len(self._windows))
@@ -165,7 +181,7 @@ class Projection:
         self._project(rows)
         return rows
 
-    def _whitened(self, probes: Sequence[Probe]) -> dict[str, Array]:
+    def whitened(self, probes: Sequence[Probe]) -> dict[str, Array]:
         """(n, c) of every compared signal; as many at once as the engine carries."""
         point, parts = self.point, []
         for begin in range(0, len(probes), UPSTREAM):
@@ -187,25 +203,47 @@ class Projection:
 
     def _project(self, everything: list[Array]) -> None:
         """Free rows, in place, of the terms of the runs and of the shared parameters."""
-        terms, windows = len(self.point.problem.run_terms), self.point.problem.windows
-        size, width = self.point.shared.size, everything[0].shape[1]
-        own_parts, inner, target = {}, np.zeros((size, size)), np.zeros((size, width))
-        for run in range(windows.runs):
-            own = [number for number in range(len(everything)) if windows.run[number] == run]
-            known = np.vstack([self._windows[number][1][:, :-1] for number in own])
-            rows = np.vstack([everything[number] for number in own])
-            t, s = known[:, :terms], known[:, terms:]
-            within = np.linalg.inv(t.T @ t + np.eye(terms))
-            to_shared, to_rows = within @ (t.T @ s), within @ (t.T @ rows)
-            inner += s.T @ (s - t @ to_shared)
-            target += s.T @ (rows - t @ to_rows)
-            own_parts[run] = (own, to_shared, to_rows)
+        runs = [self._run(run, everything) for run in range(self.point.problem.windows.runs)]
+        inner = np.sum([run.inner for run in runs], axis=0)
+        target = np.sum([run.target for run in runs], axis=0)
         of_shared = np.linalg.pinv(inner, rcond=FAINT, hermitian=True) @ target
-        for own, to_shared, to_rows in own_parts.values():
-            of_terms = to_rows - to_shared @ of_shared
-            for number in own:
+        for run in runs:
+            of_terms = run.to_rows - run.to_shared @ of_shared
+            terms = len(of_terms)
+            for number in run.windows:
                 known = self._windows[number][1][:, :-1]
                 everything[number] -= known[:, :terms] @ of_terms + known[:, terms:] @ of_shared
+
+    def _run(self, run: int, everything: Sequence[Array]) -> _RunParts:
+        """Eliminate the terms of a run from its rows (n, c), free of initial states."""
+        terms, of = len(self.point.problem.run_terms), self.point.problem.windows.run
+        own = np.flatnonzero(of == run).tolist()
+        known = np.vstack([self._windows[number][1][:, :-1] for number in own])
+        rows = np.vstack([everything[number] for number in own])
+        t, s = known[:, :terms], known[:, terms:]
+        within = np.linalg.inv(t.T @ t + np.eye(terms))
+        to_shared, to_rows = within @ (t.T @ s), within @ (t.T @ rows)
+        return _RunParts(own, to_shared, to_rows, s.T @ (s - t @ to_shared), s.T @ (rows - t @ to_rows))
+
+    def shared_scores(self, of_signal: dict[str, Array]) -> Array:
+        """(runs, s, c) scores of the shared coordinates in each run, for rows (n, c) of every signal.
+
+        What is local to windows and runs is eliminated.
+        """
+        free = [
+            self._without_start(self._rows(of_signal, number), number) for number in range(len(self._windows))
+        ]
+        runs = [self._run(run, free).target for run in range(self.point.problem.windows.runs)]
+        return np.asarray(np.linalg.solve(self._scale.T, np.array(runs)))
+
+    def by_signal(self, rows: Sequence[Array]) -> dict[str, Array]:
+        """(n, c) of every signal, from the rows of each window."""
+        made: dict[str, list[Array]] = {name: [] for name in self._places}
+        for number, own in enumerate(rows):
+            ends = np.cumsum([int(b[number + 1] - b[number]) for b in self._places.values()])
+            for name, part in zip(made, np.split(own, ends[:-1]), strict=True):
+                made[name].append(part)
+        return {name: np.vstack(parts) for name, parts in made.items()}
 
     def bins_of_rows(self, number: int) -> Index:
         """(n,) bin of every row of a window."""

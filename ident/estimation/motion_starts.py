@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ident.estimation.elimination import stacked, with_priors
 from ident.estimation.gauss_newton import minimise
 from ident.estimation.motion_effects import MotionEffect
 from ident.estimation.vehicle_fit import NEGLIGIBLE
@@ -65,14 +66,31 @@ def minimised(point: VehiclePoint) -> VehiclePoint:
 
 
 def settled(point: VehiclePoint) -> VehiclePoint:
-    """Initial states adapted, all else as it is."""
+    """Initial states adapted, and where in a play each stretch begins; all else as it is."""
     known = point.noise
     point = point.with_noise({name: known[name] for name in point.problem.compared if name in known})
-    nothing = np.zeros(len(point.problem.run_terms) + point.shared.size)
+    nothing = np.zeros(point.shared.size)
     for _ in range(SETTLING):
-        steps = np.array([window.step(nothing) for window in point.windows])
-        tried = replace(point, local=point.local + steps)
+        of_runs = _begin_steps(point)
+        rests = [np.concatenate([of_runs[run], nothing]) for run in point.problem.windows.run]
+        steps = np.array([window.step(rest) for window, rest in zip(point.windows, rests, strict=True)])
+        tried = replace(point, local=point.local + steps, of_runs=point.of_runs + of_runs)
         if not tried.value < point.value * (1 - 1e-9):
             break
         point = tried
     return point
+
+
+def _begin_steps(point: VehiclePoint) -> Array:
+    """(runs, b) steps of where a play begins, initial states following; zero for all other terms."""
+    made, begins = np.zeros_like(point.of_runs), point.problem.begins
+    if not begins.size:
+        return made
+    for run in range(point.problem.windows.runs):
+        windows = zip(point.windows, point.problem.windows.run, strict=True)
+        rows = stacked([window for window, of in windows if of == run])
+        own = np.column_stack([rows[:, begins], rows[:, -1]])
+        priors = point.problem.std_by_run[run, begins]
+        own = with_priors(own, priors, -point.of_runs[run, begins])
+        made[run, begins] = np.linalg.lstsq(own[:, :-1], own[:, -1], rcond=None)[0]
+    return made

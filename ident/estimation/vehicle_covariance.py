@@ -25,19 +25,24 @@ def sandwich(point: VehiclePoint, information: Array) -> Array:
     return np.asarray(bread @ (scatter(point) + prior) @ bread)
 
 
-def widened(point: VehiclePoint, information: Array) -> Array:
+def widened(point: VehiclePoint, information: Array, known: Array | None = None) -> Array:
     """Covariance of the bound, wider where the scores scatter more than the noise of the signals makes them.
 
     The noise of steering and speed, which are inputs, reaches all signals at once and is in no noise model.
-    One factor for all directions, because what the data hold on each alone is little.
+    What is not known of it counts by one factor for all directions, because what the data hold on each alone
+    is little.
+
+    known : (s, s) covariance of the scores by noise of the inputs, where it is
     """
     prior = np.diag(1 / point.problem.prior_std**2)
     basis = told_directions(information - prior, information)
-    if not basis.shape[1]:
-        return np.asarray(np.linalg.inv(information))
-    factor = float(np.trace(basis.T @ scatter(point) @ basis)) / basis.shape[1]
+    expected = information - prior if known is None else information - prior + known
     bread = np.linalg.inv(information)
-    return np.asarray(bread @ (max(1.0, factor) * (information - prior) + prior) @ bread)
+    factor = 1.0
+    if basis.shape[1]:
+        seen, mean = (float(np.trace(basis.T @ one @ basis)) for one in (scatter(point), expected))
+        factor = max(1.0, seen / mean)
+    return np.asarray(bread @ (factor * expected + prior) @ bread)
 
 
 def scatter(point: VehiclePoint) -> Array:

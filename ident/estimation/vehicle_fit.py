@@ -37,6 +37,7 @@ from ident.estimation.vehicle_problem import (
     Residuals,
     VehicleProblem,
 )
+from ident.estimation.vehicle_records import SignalSamples
 
 Array = NDArray[np.float64]
 
@@ -149,22 +150,14 @@ def fit_vehicle(
         point = point.with_noise(renewed)
         if settled:
             break
-    fit = _fit(point, capped, converged=converged)
-    return _least_squares(fit, floor or {}) if fit.is_coloured and noise is None else fit
+    fit = fit_at(point, capped, converged=converged)
+    return least_squares(fit, floor or {}) if fit.is_coloured and noise is None else fit
 
 
-def reported_fit(point: VehiclePoint, floor: Mapping[str, float]) -> VehicleFit:
-    """The fit at a point that is its maximum likelihood already, with its covariance.
-
-    Least squares goes on from there where something is left that is no noise.
-    """
-    _, capped = identify_noise(point, floor, keep_order=True)
-    fit = _fit(point, capped, converged=True)
-    return _least_squares(fit, floor) if fit.is_coloured else fit
-
-
-def _least_squares(fit: VehicleFit, floor: Mapping[str, float]) -> VehicleFit:
+def least_squares(fit: VehicleFit, floor: Mapping[str, float]) -> VehicleFit:
     """Go on from the maximum likelihood to the least squares, weighed by the size of what is left.
+
+    floor : compared signal -> least standard deviation of its noise
 
     Samples within a correlation time of the residual count as one, so that priors keep their weight.
     """
@@ -179,7 +172,7 @@ def _least_squares(fit: VehicleFit, floor: Mapping[str, float]) -> VehicleFit:
         if settled and converged:
             break
         point, _, converged = minimise(point.with_noise(noise), negligible=NEGLIGIBLE)
-    made = _fit(point, fit.capped, converged=converged)
+    made = fit_at(point, fit.capped, converged=converged)
     return replace(
         made,
         covariance=sandwich(point, made.information),
@@ -243,10 +236,10 @@ def identify_noise(
         like = point.noise[name].shape if keep_order else None
         shape = fit_autoregression(parts, like)
         if shape.correlation_samples() * one.samples.period > LONGEST_NOISE:
-            shape = _shortened(shape, one.samples.period)
+            shape = shortened(shape, one.samples.period)
             capped.add(name)
         least = max(floor.get(name, 0.0), QUIET * float(np.abs(one.samples.values).max()), TINY)
-        std = max(_innovation_std(parts, shape), least / shape.total_over_innovations())
+        std = max(innovation_std(parts, shape), least / shape.total_over_innovations())
         made[name] = NoiseModel(shape, std)
     return made, frozenset(capped)
 
@@ -261,18 +254,18 @@ def noise_of_residuals(point: VehiclePoint, floor: Mapping[str, float]) -> dict[
     for name in point.residuals:
         parts = point.linearised(name)
         shape = fit_autoregression(parts)
-        std = max(_innovation_std(parts, shape), floor.get(name, 0.0) / shape.total_over_innovations(), TINY)
+        std = max(innovation_std(parts, shape), floor.get(name, 0.0) / shape.total_over_innovations(), TINY)
         made[name] = NoiseModel(shape, std)
     return made
 
 
-def _shortened(shape: AutoRegression, period: float) -> AutoRegression:
+def shortened(shape: AutoRegression, period: float) -> AutoRegression:
     """Draw the poles in until the slowest decays in LONGEST_NOISE."""
     factor = np.exp(-period / LONGEST_NOISE) / shape.largest_pole()
     return AutoRegression(shape.coefficients * factor ** np.arange(1, shape.coefficients.size + 1))
 
 
-def _innovation_std(parts: Sequence[Linearised], shape: AutoRegression) -> float:
+def innovation_std(parts: Sequence[Linearised], shape: AutoRegression) -> float:
     """Standard deviation of the innovations, of what no fitted column of this signal can reach."""
     left = [eliminate(shape.whiten(part.columns(), part), part.local.shape[1]) for part in parts]
     rows = np.vstack([one.rows for one in left])
@@ -285,7 +278,8 @@ def _alike(one: NoiseModel, other: NoiseModel) -> bool:
     return one.shape.close_to(other.shape) and abs(one.std - other.std) < SETTLED * other.std
 
 
-def _fit(point: VehiclePoint, capped: frozenset[str], *, converged: bool) -> VehicleFit:
+def fit_at(point: VehiclePoint, capped: frozenset[str], *, converged: bool) -> VehicleFit:
+    """A point as a fit, with its covariance; ``capped`` as :func:`identify_noise` gives it."""
     triangle = point.triangle()[: point.shared.size, :-1]
     inverse = inverse_of(triangle)
     bread = inverse @ inverse.T
@@ -306,15 +300,18 @@ def _fit(point: VehiclePoint, capped: frozenset[str], *, converged: bool) -> Veh
 
 def _slow_colour(point: VehiclePoint, name: str) -> float:
     """p-value of the sums of a whitened residual over blocks of time, were it white."""
-    white, samples = point.white[name][:, -1], point.residuals[name].samples
-    length = max(2, round(BLOCK / samples.period))
-    sums = []
+    total = block_sums(point.white[name][:, -1:], point.residuals[name].samples)
+    return float(chi2.sf(np.sum(total**2), max(1, total.size))) if total.size else 1.0
+
+
+def block_sums(white: Array, samples: SignalSamples) -> Array:
+    """(m, c) sums of whitened columns (n, c) over blocks of time, of unit variance where they are white."""
+    length, sums = max(2, round(BLOCK / samples.period)), []
     for begin, end in pairwise(samples.begins.tolist()):
         count = (end - begin) // length
-        blocks = white[begin : begin + count * length].reshape(count, length)
+        blocks = white[begin : begin + count * length].reshape(count, length, white.shape[1])
         sums.append(blocks.sum(axis=1) / np.sqrt(length))
-    total = np.concatenate(sums)
-    return float(chi2.sf(np.sum(total**2), max(1, total.size))) if total.size else 1.0
+    return np.concatenate(sums)
 
 
 def _log_likelihood(point: VehiclePoint) -> float:

@@ -68,6 +68,11 @@ class VehiclePoint:
                 for name, one in self.errors.items()
             ]
 
+    @property
+    def white_errors(self) -> dict[str, Array]:
+        """(n,) whitened residual of every compared signal; found without derivatives."""
+        return {name: white for name, (_, white) in zip(self.errors, self._white_errors, strict=True)}
+
     def with_noise(self, noise: Mapping[str, NoiseModel]) -> VehiclePoint:
         """The same weighed by another noise; nothing is simulated again."""
         made = replace(self, noise=noise)

@@ -27,7 +27,17 @@ from ident.errors import NotIdentifiable
 from ident.estimation.coordinates import Coordinate, RunTerm
 from ident.estimation.path_parts import direction_of_travel, moved_and_turned
 from ident.estimation.tyre_steps import FittedAxle
-from ident.estimation.vehicle_inputs import NOTHING_AROUND, Around, Probe, through_blocks
+from ident.estimation.vehicle_inputs import (
+    NOTHING_AROUND,
+    Around,
+    InputBlock,
+    Placed,
+    Probe,
+    begin_name,
+    begin_terms,
+    places_in_runs,
+    through_blocks,
+)
 from ident.estimation.vehicle_records import SignalSamples, Windows
 
 Array = NDArray[np.float64]
@@ -95,9 +105,11 @@ class VehicleProblem:
         self.signals = [name for name, s in windows.signals.items() if s.beyond(self.states) >= FEWEST]
         if not self.signals:
             raise NotIdentifiable(_too_few(windows, self.states))
-        there = {*self.signals, *engine.parameters}
+        self._begins = {term.name for term in begin_terms(around.blocks, windows)}
+        inner = {*engine.parameters, *self._begins}
+        there = {*self.signals, *inner}
         self.run_terms = [term for term in run_terms if (term.by_speed_to or term.name) in there]
-        self._inner = [i for i, term in enumerate(self.run_terms) if term.name in engine.parameters]
+        self._inner = [i for i, term in enumerate(self.run_terms) if term.name in inner]
         self.active = [
             *(self.run_terms[i].name for i in self._inner),
             *(one.name for one in self.coordinates),
@@ -262,14 +274,14 @@ class VehicleProblem:
         """States (N, x) and outputs (N, y) on the grid of all windows."""
         w = self.windows
         states = np.ascontiguousarray(local[:, : self.states])
-        inputs, _ = self.driven(shared)
+        inputs, _ = self.driven(shared, of_runs)
         return self.engine.simulate(states, inputs, w.steps, w.offsets, self.parameters(shared, of_runs))
 
     def residuals(self, shared: Array, of_runs: Array, local: Array) -> dict[str, Residuals]:
         """Residuals and derivatives of every compared signal."""
         w = self.windows
         states = np.ascontiguousarray(local[:, : self.states])
-        inputs, chain = self.driven(shared)
+        inputs, chain = self.driven(shared, of_runs)
         _, outputs, derivatives = self.engine.sensitivities(
             states,
             inputs,
@@ -310,7 +322,7 @@ class VehicleProblem:
     ) -> dict[str, Array]:
         """(n, p) what each disturbance does to every compared signal, at first order; at most UPSTREAM."""
         w, names = self.windows, [f"probe {number}" for number in range(len(probes))]
-        inputs, _ = self.driven(shared)
+        inputs, _ = self.driven(shared, of_runs)
         chain = np.zeros((*inputs.shape, len(probes)))
         for number, probe in enumerate(probes):
             for name, values in probe.inputs.items():
@@ -335,10 +347,12 @@ class VehicleProblem:
             made |= self._along_and_across(made.pop("position_x"), made.pop("position_y"))
         return {name: made[name] for name in self.compared}
 
-    def driven(self, shared: Array) -> tuple[Array, Array | None]:
+    def driven(self, shared: Array, of_runs: Array) -> tuple[Array, Array | None]:
         """(N, u) inputs of the model, and (N, u, active) their derivatives where any coordinate moves them.
 
         The road-wheel angle falls with the steering ratio, -angle/ratio; blocks stand behind that.
+
+        of_runs : (runs, b) terms of the runs, among them where a play begins
         """
         inputs = np.zeros((len(self.windows.inputs), len(self.engine.inputs)))
         inputs[:, :2] = self.windows.inputs
@@ -356,16 +370,31 @@ class VehicleProblem:
                 inputs[:, place] += values[coordinate] * added
                 chain[:, place, len(self._inner) + names.index(coordinate)] += added
         if self.around.blocks:
-            blocks = self.around.blocks
+            placed = [self._placed_block(block, values[block.name], of_runs) for block in self.around.blocks]
             inputs[:, 0], chain[:, 0] = through_blocks(
-                blocks,
-                self.windows.stretches,
-                inputs[:, 0],
-                chain[:, 0],
-                [values[block.name] for block in blocks],
-                [len(self._inner) + names.index(block.name) for block in blocks],
+                placed, self.windows.stretches, inputs[:, 0], chain[:, 0]
             )
         return inputs, chain
+
+    def _placed_block(self, block: InputBlock, value: float, of_runs: Array) -> Placed:
+        """Where a block stands among the active parameters, and where it begins in each stretch."""
+        terms, begins = [term.name for term in self.run_terms], []
+        columns: list[int | None] = []
+        for run, number in self._stretch_places:
+            name = begin_name(block.name, number)
+            known = name in terms
+            begins.append(float(of_runs[run, terms.index(name)]) if known else 0.0)
+            columns.append(self.active.index(name) if known else None)
+        return Placed(block, value, self.active.index(block.name), begins, columns)
+
+    @cached_property
+    def _stretch_places(self) -> list[tuple[int, int]]:
+        return places_in_runs(self.windows)
+
+    @property
+    def begins(self) -> NDArray[np.intp]:
+        """Places of those terms of the runs that say where a block begins: initial states, in a way."""
+        return np.array([i for i, term in enumerate(self.run_terms) if term.name in self._begins], dtype=int)
 
     def _placed(self, name: str, shared: Array) -> SignalSamples:
         """The samples of a signal on the grid, of a late sensor where the vehicle was when it read."""

@@ -192,6 +192,10 @@ class Windows:
         place = np.rint((self.times[rows] - first.times[0]) / first.period).astype(np.intp)
         return Stretch(rows, place, first.times[0] + first.period * np.arange(place.max() + 1))
 
+    def run_of(self, stretch: Stretch) -> int:
+        """The run that a stretch belongs to."""
+        return int(self.run[np.searchsorted(self.offsets, stretch.rows[0], side="right") - 1])
+
     def later(self, name: str, delay: float) -> SignalSamples:
         """The samples of a signal placed where the grid was ``delay`` [s] before their stamps."""
         return self._samples(name, delay)

@@ -138,8 +138,8 @@ def disturbed(point: VehiclePoint, name: str, values: np.ndarray) -> dict[str, n
     problem = point.problem.with_changed()
     driven = problem.driven
 
-    def pushed(shared: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        inputs, chain = driven(shared)
+    def pushed(shared: np.ndarray, of_runs: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        inputs, chain = driven(shared, of_runs)
         inputs = inputs.copy()
         inputs[:, problem.engine.inputs.index(name)] += values
         return inputs, chain

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ident.estimation.vehicle_inputs import LateAngle, LinkagePlay, through_blocks
+from ident.estimation.vehicle_inputs import (
+    LateAngle,
+    LinkagePlay,
+    Placed,
+    begin_terms,
+    places_in_runs,
+    through_blocks,
+)
 from ident.estimation.vehicle_records import MotionRecord, Samples, Windows, cut
 
 STEP = 0.01
@@ -39,11 +46,20 @@ def by_hand(angle: np.ndarray, width: float) -> np.ndarray:
     return np.array(made)
 
 
-def through(windows: Windows, blocks: tuple, values: list[float]) -> tuple[np.ndarray, np.ndarray]:
-    given = np.zeros((windows.times.size, 1 + len(blocks)))
+def through(
+    windows: Windows, blocks: tuple, values: list[float], begins: tuple[float, ...] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Columns: a change of the ratio, each block's own, then where each stretch begins."""
+    count = len(windows.stretches)
+    begun = begins or (0.0,) * count
+    given = np.zeros((windows.times.size, 1 + len(blocks) + count))
     given[:, 0] = -windows.inputs[:, 0]
-    columns = list(range(1, 1 + len(blocks)))
-    return through_blocks(blocks, windows.stretches, windows.inputs[:, 0], given, values, columns)
+    first = 1 + len(blocks)
+    placed = [
+        Placed(block, value, 1 + number, begun, list(range(first, first + count)))
+        for number, (block, value) in enumerate(zip(blocks, values, strict=True))
+    ]
+    return through_blocks(placed, windows.stretches, windows.inputs[:, 0], given)
 
 
 @pytest.mark.parametrize("lead", [0.0, 0.2])
@@ -115,3 +131,45 @@ def test_no_block_changes_nothing() -> None:
     angle, given = through(windows, (), [])
     assert np.array_equal(angle, windows.inputs[:, 0])
     assert np.array_equal(given[:, 0], -windows.inputs[:, 0])
+
+
+@pytest.mark.parametrize("share", [-0.8, 0.3])
+def test_a_play_begins_where_it_is_said_to_and_forgets_it_once_it_is_used_up(share: float) -> None:
+    windows = windows_of(0.2)
+    angle, _ = through(windows, (LinkagePlay(),), [WIDTH], (float(np.arctanh(share)), 0.0))
+    made = [float(ANGLE[0]) + share * WIDTH / 2]
+    for now in ANGLE[1:]:
+        made.append(min(max(made[-1], now - WIDTH / 2), now + WIDTH / 2))
+    own = np.repeat(windows.run, np.diff(windows.offsets)) == 0
+    assert angle[own] == pytest.approx(on_grid(windows, np.array(made))[own], abs=1e-15)
+    centred, _ = through(windows, (LinkagePlay(),), [WIDTH])
+    differs = np.abs(angle - centred) > 1e-12
+    assert differs[0]
+    assert not differs[-1]
+    assert not differs[~own].any()
+
+
+def test_derivatives_to_where_a_play_begins_are_exact() -> None:
+    windows = windows_of(0.2)
+    begins, small = (0.4, -0.7), 1e-7
+    _, exact = through(windows, (LinkagePlay(),), [WIDTH], begins)
+    for number in range(2):
+        ends = [tuple(b + sign * small * (k == number) for k, b in enumerate(begins)) for sign in (1.0, -1.0)]
+        more, less = (through(windows, (LinkagePlay(),), [WIDTH], one)[0] for one in ends)
+        change = (more - less) / (2 * small)
+        assert np.abs(change).max() > 1e-3
+        assert np.mean(np.abs(exact[:, 2 + number] - change) < 1e-6 * np.abs(change).max()) > 0.995
+    wider, narrower = (
+        through(windows, (LinkagePlay(),), [WIDTH + sign * 1e-9], begins)[0] for sign in (1.0, -1.0)
+    )
+    assert_equal_but_at_kinks(exact[:, 1], (wider - narrower) / 2e-9)
+
+
+def test_each_stretch_of_a_run_begins_by_itself_the_longest_first() -> None:
+    windows = windows_of(0.0, gap=True)
+    assert places_in_runs(windows) == [(0, 0), (0, 1), (1, 0)]
+    terms = begin_terms((LateAngle(), LinkagePlay()), windows)
+    assert [(one.name, one.only) for one in terms] == [
+        ("linkage_play begins 0", frozenset({0, 1})),
+        ("linkage_play begins 1", frozenset({0})),
+    ]

@@ -41,8 +41,8 @@ SENSITIVITY = Parameter(
 FRONT_SHARE = Parameter(
     "load_transfer.front_share",
     "1",
-    0.0,
-    1.0,
+    0.02,
+    0.98,
     0.4,
     "share of the overturning moment that the front axle carries",
 )

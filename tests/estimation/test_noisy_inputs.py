@@ -1,0 +1,119 @@
+"""Noise of the inputs as their calm parts show it, and what it does to an estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motion_case import TRUE, coloured, layer_of, records
+from numpy.typing import NDArray
+from scipy.signal import freqz, lfilter
+
+from ident.estimation.input_noise import INPUTS
+from ident.estimation.motion_scores import Projection
+from ident.estimation.noise import AutoRegression
+from ident.estimation.noisy_inputs import OwnNoise, disturbance, own_noise, shift_by_noise
+from ident.estimation.vehicle_point import VehiclePoint
+from ident.estimation.vehicle_records import MotionRecord
+
+Array = NDArray[np.float64]
+
+POLES, STD = (0.55, 0.18), 6e-5  # of the innovations [rad]
+WIDTH = 0.006  # [rad]
+
+
+def noise_of(count: int, seed: int) -> Array:
+    drawn = np.random.default_rng(seed).standard_normal(count + 500)
+    return np.asarray(lfilter([STD], [1.0, *(-pole for pole in POLES)], drawn)[500:])
+
+
+def held(one: MotionRecord, number: int) -> Array:
+    """The same stamps with an angle that is held, moved over half a second, and held again."""
+    seconds = one.times - one.times[0]
+    steps = np.random.default_rng(number).uniform(-0.08, 0.08, 8)
+    place = np.clip((seconds % 5.0) / 0.5, 0.0, 1.0)
+    blend = place**2 * (3.0 - 2.0 * place)
+    index = (seconds // 5.0).astype(int)
+    return np.asarray(steps[index % 8] + (steps[(index + 1) % 8] - steps[index % 8]) * blend)
+
+
+def test_the_colour_of_an_input_is_that_of_its_noise_and_not_of_its_motion() -> None:
+    given = [
+        replace(one, road_wheel_angle=held(one, number) + noise_of(one.times.size, number))
+        for number, one in enumerate(records(count=6, seconds=40.0))
+    ]
+    found = next(one for one in own_noise(given) if one.name == "road_wheel_angle")
+    frequencies = 2 * np.pi * np.array([0.5, 2.0, 5.0]) * given[0].period
+    told = found.std * np.abs(freqz([1.0], [1.0, *-found.shape.coefficients], frequencies)[1])
+    true = STD * np.abs(freqz([1.0], [1.0, *(-pole for pole in POLES)], frequencies)[1])
+    assert told == pytest.approx(true, rel=0.25)
+
+
+def test_an_exact_input_has_next_to_no_noise() -> None:
+    given = [
+        replace(one, road_wheel_angle=held(one, number), speed=np.full(one.times.size, 9.0))
+        for number, one in enumerate(records(count=2, seconds=40.0))
+    ]
+    assert all(one.std * one.shape.total_over_innovations() < 1e-7 for one in own_noise(given))
+
+
+NOISE = OwnNoise("road_wheel_angle", AutoRegression(np.array(POLES)), STD, INPUTS["road_wheel_angle"])
+
+
+def point_of(given: Sequence[MotionRecord], keys: tuple[str, ...], values: dict[str, float]) -> VehiclePoint:
+    problem = layer_of(given).problem(keys)
+    shared = np.array([one.coordinate({**TRUE, **values}[one.name]) for one in problem.coordinates])
+    of_runs = np.zeros((problem.windows.runs, len(problem.run_terms)))
+    return VehiclePoint(problem, shared, of_runs, problem.initial_local, coloured(problem))
+
+
+def noisy(one: MotionRecord, seed: int, sign: float = 1.0) -> MotionRecord:
+    return replace(one, road_wheel_angle=one.road_wheel_angle + sign * noise_of(one.times.size, seed))
+
+
+def information_of(point: VehiclePoint) -> Array:
+    triangle = point.triangle()[: point.shared.size, :-1]
+    return np.asarray(triangle.T @ triangle)
+
+
+def moved(point: VehiclePoint, other: VehiclePoint) -> Array:
+    """(s,) step that makes up for what the other's inputs change in the outputs, to first order."""
+    change = {name: (white - point.white_errors[name])[:, None] for name, white in other.white_errors.items()}
+    scores = Projection(point).shared_scores(change).sum(axis=0)[:, 0]
+    return np.asarray(np.linalg.solve(information_of(point), scores))
+
+
+def test_scores_scatter_by_noise_of_an_input_as_the_draws_say() -> None:
+    clean = records(count=3, seconds=30.0)
+    point = point_of(clean, (), {})
+    inverse = np.linalg.inv(information_of(point))
+    scatter = disturbance(Projection(point), [NOISE]).scatter
+    told = np.sqrt(np.diag(inverse @ scatter @ inverse))
+    steps = [
+        moved(point, point_of([noisy(r, 1000 * seed + k) for k, r in enumerate(clean)], (), {}))
+        for seed in range(40)
+    ]
+    assert told == pytest.approx(np.std(steps, axis=0, ddof=1), rel=0.35)
+
+
+def test_a_smooth_model_is_not_shifted() -> None:
+    point = point_of(records(count=2), (), {})
+    assert not shift_by_noise(point, information_of(point), [NOISE]).any()
+
+
+def test_a_play_looks_wider_by_what_is_told() -> None:
+    clean = records(count=4, seconds=40.0)
+    keys, loose = ("steering_linkage_play",), {"linkage_play": WIDTH}
+    point, seen, told = point_of(clean, keys, loose), [], []
+    place = [one.name for one in point.problem.coordinates].index("linkage_play")
+    for seed in range(8):
+        pair = [
+            point_of([noisy(r, 100 * seed + k, sign) for k, r in enumerate(clean)], keys, loose)
+            for sign in (1.0, -1.0)
+        ]
+        seen.append(float(np.mean([moved(point, other)[place] for other in pair])))
+        told.append(float(shift_by_noise(pair[0], information_of(pair[0]), [NOISE])[place]))
+    assert np.mean(seen) > 4 * np.std(seen, ddof=1) / np.sqrt(len(seen)), "noise makes a play look wider"
+    assert np.mean(told) == pytest.approx(np.mean(seen), rel=0.25)
