@@ -182,6 +182,30 @@ class Placed:
     begin_columns: Sequence[int | None]
 
 
+def placed_blocks(
+    blocks: Sequence[InputBlock],
+    values: Mapping[str, float],
+    terms: Mapping[str, Array],
+    places: Sequence[tuple[int, int]],
+    active: Sequence[str],
+) -> list[Placed]:
+    """Place blocks among the parameters of a fit.
+
+    Parameters
+    ----------
+    values : of the coordinates, by name; terms : (runs,) of the runs, by name
+    places : of all stretches, as :func:`places_in_runs` gives them
+    active : names of the columns of the derivatives
+    """
+    made = []
+    for block in blocks:
+        names = [(run, begin_name(block.name, number)) for run, number in places]
+        begins = [float(terms[name][run]) if name in terms else 0.0 for run, name in names]
+        columns = [active.index(name) if name in terms else None for _, name in names]
+        made.append(Placed(block, values[block.name], active.index(block.name), begins, columns))
+    return made
+
+
 def through_blocks(
     placed: Sequence[Placed], stretches: Sequence[Stretch], angle: Array, given: Array
 ) -> tuple[Array, Array]:

@@ -30,11 +30,9 @@ from ident.estimation.tyre_steps import FittedAxle
 from ident.estimation.vehicle_inputs import (
     NOTHING_AROUND,
     Around,
-    InputBlock,
-    Placed,
     Probe,
-    begin_name,
     begin_terms,
+    placed_blocks,
     places_in_runs,
     through_blocks,
 )
@@ -105,6 +103,7 @@ class VehicleProblem:
         self.signals = [name for name, s in windows.signals.items() if s.beyond(self.states) >= FEWEST]
         if not self.signals:
             raise NotIdentifiable(_too_few(windows, self.states))
+        self._stretch_places = places_in_runs(windows) if around.blocks else []
         self._begins = {term.name for term in begin_terms(around.blocks, windows)}
         inner = {*engine.parameters, *self._begins}
         there = {*self.signals, *inner}
@@ -370,26 +369,11 @@ class VehicleProblem:
                 inputs[:, place] += values[coordinate] * added
                 chain[:, place, len(self._inner) + names.index(coordinate)] += added
         if self.around.blocks:
-            placed = [self._placed_block(block, values[block.name], of_runs) for block in self.around.blocks]
-            inputs[:, 0], chain[:, 0] = through_blocks(
-                placed, self.windows.stretches, inputs[:, 0], chain[:, 0]
-            )
+            terms = {term.name: of_runs[:, number] for number, term in enumerate(self.run_terms)}
+            placed = placed_blocks(self.around.blocks, values, terms, self._stretch_places, self.active)
+            stretches = self.windows.stretches
+            inputs[:, 0], chain[:, 0] = through_blocks(placed, stretches, inputs[:, 0], chain[:, 0])
         return inputs, chain
-
-    def _placed_block(self, block: InputBlock, value: float, of_runs: Array) -> Placed:
-        """Where a block stands among the active parameters, and where it begins in each stretch."""
-        terms, begins = [term.name for term in self.run_terms], []
-        columns: list[int | None] = []
-        for run, number in self._stretch_places:
-            name = begin_name(block.name, number)
-            known = name in terms
-            begins.append(float(of_runs[run, terms.index(name)]) if known else 0.0)
-            columns.append(self.active.index(name) if known else None)
-        return Placed(block, value, self.active.index(block.name), begins, columns)
-
-    @cached_property
-    def _stretch_places(self) -> list[tuple[int, int]]:
-        return places_in_runs(self.windows)
 
     @property
     def begins(self) -> NDArray[np.intp]:
