@@ -230,8 +230,9 @@ def _outside(rows: Sequence[Row]) -> str:
 
 
 def _right(row: Row) -> bool:
-    true, told = keys_of(row)
-    return bool(true & told) and next(iter(true)).split()[0] in NAMED
+    """Whether what is told has the name of what is true, whatever signal it is told of."""
+    true, told = ({key.split()[0] for key in keys} for keys in keys_of(row))
+    return bool(true & told & NAMED)
 
 
 def _none(rows: Sequence[Row]) -> str:
