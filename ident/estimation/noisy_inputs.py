@@ -4,21 +4,23 @@ Where a driver holds the wheel still, a polynomial follows the angle and the res
 autoregression by restricted likelihood (:mod:`ident.estimation.noise_fit`), the polynomials being the fitted
 columns. Of that noise smoothing leaves a part, which moves the model.
 
-To first order it scatters the estimate: noise is drawn and driven through the model, and the scores that the
-draws make have the covariance that the scores of the data have more than white residuals would give them.
+It scatters the estimate: noise is drawn and driven through the model, and the scores that the draws make have
+the covariance that the scores of the data have more than white residuals would give them. A smooth model is
+followed to first order.
 
-To second order it shifts the estimate, where the model has corners. The output of a play follows the largest
-input so far, and noise makes that larger: a play comes out too wide. How much, is seen by simulation: inputs
-smoothed over so long that next to no noise is left in them are taken for the true ones, noise is drawn and
-added, in pairs of opposite signs so that all that is linear cancels, and the mean change of the outputs is
-what the fit took for a change of its parameters (bias correction by a parametric bootstrap, Efron and
-Tibshirani 1993, chapter 10).
+It shifts the estimate, too, where something before the model has corners. The output of a play follows the
+largest input so far, and holds what was largest for as long as the truck drives straight; noise makes that
+larger, and a play comes out too wide. Both, how much and how differently each time, is seen by simulation:
+inputs smoothed over so long that next to no noise is left in them are taken for the true ones, noise is drawn
+and added, in pairs of opposite signs so that all that is linear cancels in the mean, and what changes in the
+outputs is what the fit took for a change of its parameters (bias correction by a parametric bootstrap, Efron
+and Tibshirani 1993, chapter 10).
 """
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from zlib import crc32
 
@@ -42,7 +44,7 @@ CALM = {"road_wheel_angle": Smoothing(0.6, 5), "speed": Smoothing(4.0, 3)}
 CALMEST, FEWEST = 0.15, 20  # of all pieces, those in which the input moves least
 AS_CALM = 2.0  # times their median range: others count, too, lest those are chosen in which noise is small
 HIGHEST_ORDER = 10  # what is read more seldom than the grid asks for many coefficients
-DRAWS, PAIRS, SEED = 48, 16, 2
+DRAWS, SEED = 48, 2
 CLEAN = Smoothing(1.5, 5)  # leaves a sixth of the noise's power; that it bends the motion is of second order
 BEFORE = 5.0  # [s] of noise before that which is used, so that it is stationary
 
@@ -117,41 +119,50 @@ def _with_polynomial(times: Array, values: Array, order: int) -> Linearised:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What drawn noise of the inputs does at a point, to first order.
+    """What drawn noise of the inputs does at a point.
 
     scatter : (s, s) covariance that it adds to the scores of the shared coordinates
+    score : (s,) their mean: what noise does to them that has no mean itself
     rows : signal -> (n, DRAWS) of its whitened residual, freed of what the fit takes up
     """
 
     scatter: Array
+    score: Array
     rows: dict[str, Array]
 
 
-def disturbance(projection: Projection, noises: Sequence[OwnNoise]) -> Disturbance:
+def disturbance(point: VehiclePoint, noises: Sequence[OwnNoise]) -> Disturbance:
     """Drive draws of all noises together through the model at a point."""
-    windows = projection.point.problem.windows
-    drawn = {one.name: one.drawn(windows, DRAWS, SEED) for one in noises}
-    probes = [Probe(inputs={name: values[:, k] for name, values in drawn.items()}) for k in range(DRAWS)]
-    white = projection.whitened(probes)
-    scores = projection.shared_scores(white)
-    scatter = np.einsum("rsk,rtk->st", scores, scores) / DRAWS
-    return Disturbance(scatter, projection.by_signal(projection.freed(white)))
+    projection, windows = Projection(point), point.problem.windows
+    if any(block.hysteresis for block in point.problem.around.blocks):
+        white = _changes(point, {one.name: one.drawn(windows, DRAWS // 2, SEED) for one in noises})
+        scores = projection.shared_scores(white)
+        mean = scores.mean(axis=2, keepdims=True)
+    else:
+        white = _linear_changes(projection, {one.name: one.drawn(windows, DRAWS, SEED) for one in noises})
+        scores = projection.shared_scores(white)
+        mean = np.zeros((*scores.shape[:2], 1))
+    scatter = np.einsum("rsk,rtk->st", scores - mean, scores - mean) / DRAWS
+    rows = projection.by_signal(projection.freed(white))
+    return Disturbance(scatter, mean.sum(axis=0)[:, 0], rows)
 
 
-def shift_by_noise(point: VehiclePoint, information: Array, noises: Sequence[OwnNoise]) -> Array:
-    """(s,) by how much noise of the inputs has moved the shared coordinates of a fit.
+def _linear_changes(projection: Projection, drawn: Mapping[str, Array]) -> dict[str, Array]:
+    """(n, k) to first order of each whitened output, by noise (N, k) of the inputs."""
+    count = next(iter(drawn.values())).shape[1]
+    probes = [Probe(inputs={name: values[:, k] for name, values in drawn.items()}) for k in range(count)]
+    return projection.whitened(probes)
 
-    Zero without noise, and where no block before the model has corners: the model itself is smooth.
-    """
-    if not noises or not any(block.hysteresis for block in point.problem.around.blocks):
-        return np.zeros(point.shared.size)
-    projection, clean = Projection(point), _clean(point.problem.windows)
-    names, added = point.problem.engine.inputs, np.zeros((*clean.shape, PAIRS))
-    for one in noises:
-        added[:, names.index(one.name)] = one.drawn(point.problem.windows, PAIRS, SEED + 1)
-    change = _mean_change(point, clean, added)
-    scores = projection.shared_scores({name: values[:, None] for name, values in change.items()})
-    return -np.linalg.solve(information, scores.sum(axis=0)[:, 0])
+
+def _changes(point: VehiclePoint, drawn: Mapping[str, Array]) -> dict[str, Array]:
+    """(n, 2 k) changes of each whitened output, by noise (N, k) of clean inputs and its opposite."""
+    inputs, names = _clean(point.problem.windows), point.problem.engine.inputs
+    added = np.zeros((*inputs.shape, next(iter(drawn.values())).shape[1]))
+    for name, values in drawn.items():
+        added[:, names.index(name)] = values
+    before = modelled(point, inputs)
+    after = [modelled(point, inputs + sign * one) for sign in (1.0, -1.0) for one in np.moveaxis(added, 2, 0)]
+    return {name: np.column_stack([one[name] - of for one in after]) for name, of in before.items()}
 
 
 def _clean(windows: Windows) -> Array:
@@ -161,18 +172,6 @@ def _clean(windows: Windows) -> Array:
         period = float(windows.steps[stretch.rows[0]])
         made[stretch.rows] = CLEAN.of(stretch.whole(made), period)[stretch.place]
     return made
-
-
-def _mean_change(point: VehiclePoint, inputs: Array, added: Array) -> dict[str, Array]:
-    """(n,) mean change of each whitened output by noise (N, 2, k) of the inputs (N, 2) and its opposite."""
-    before, pairs = modelled(point, inputs), added.shape[2]
-    change = {name: np.zeros(values.size) for name, values in before.items()}
-    for number in range(pairs):
-        for sign in (1.0, -1.0):
-            after = modelled(point, inputs + sign * added[:, :, number])
-            for name, values in after.items():
-                change[name] += (values - before[name]) / (2 * pairs)
-    return change
 
 
 def modelled(point: VehiclePoint, inputs: Array) -> dict[str, Array]:

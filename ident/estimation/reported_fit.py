@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from ident.estimation.motion_scores import Projection
-from ident.estimation.noisy_inputs import Disturbance, OwnNoise, disturbance, shift_by_noise
+from ident.estimation.noisy_inputs import Disturbance, OwnNoise, disturbance
 from ident.estimation.vehicle_covariance import widened
 from ident.estimation.vehicle_fit import VehicleFit, block_sums, fit_at, identify_noise, least_squares
 from ident.estimation.vehicle_point import VehiclePoint
@@ -29,21 +28,30 @@ def reported_fit(
     floor : compared signal -> least standard deviation of its noise
     noises : of the inputs
     """
-    fit = _of_likelihood(point, floor, noises)
-    fit = least_squares(fit, floor) if fit.is_coloured else fit
-    shift = shift_by_noise(fit.point, fit.information, noises)
-    return replace(fit, point=fit.point.wholly_moved(-shift)) if shift.any() else fit
-
-
-def _of_likelihood(point: VehiclePoint, floor: Mapping[str, float], noises: Sequence[OwnNoise]) -> VehicleFit:
     _, capped = identify_noise(point, floor, keep_order=True)
     fit = fit_at(point, capped, converged=True)
     if not noises:
-        return fit
-    known = disturbance(Projection(point), noises)
-    coloured = {name: _slow_colour(point, name, known) for name in point.residuals}
-    covariance = widened(point, fit.information, known.scatter)
+        return least_squares(fit, floor) if fit.is_coloured else fit
+    known = disturbance(point, noises)
+    fit = _with_known(fit, known)
+    if fit.is_coloured:
+        fit = least_squares(fit, floor)
+        known = disturbance(fit.point, noises)
+    return _without_shift(fit, known)
+
+
+def _with_known(fit: VehicleFit, known: Disturbance) -> VehicleFit:
+    """The fit with a noise of the inputs in its covariance and in the test of what is left."""
+    coloured = {name: _slow_colour(fit.point, name, known) for name in fit.point.residuals}
+    covariance = widened(fit.point, fit.information, known.scatter)
     return replace(fit, coloured=coloured, capped=frozenset(), covariance=covariance)
+
+
+def _without_shift(fit: VehicleFit, known: Disturbance) -> VehicleFit:
+    """The fit with what noise of the inputs has moved in it taken back."""
+    if not known.score.any():
+        return fit
+    return replace(fit, point=fit.point.wholly_moved(np.linalg.solve(fit.information, known.score)))
 
 
 def _slow_colour(point: VehiclePoint, name: str, known: Disturbance) -> float:
