@@ -51,7 +51,8 @@ def _without_shift(fit: VehicleFit, known: Disturbance) -> VehicleFit:
     """The fit with what noise of the inputs has moved in it taken back."""
     if not known.score.any():
         return fit
-    return replace(fit, point=fit.point.wholly_moved(np.linalg.solve(fit.information, known.score)))
+    back: Array = np.linalg.solve(fit.information, known.score)
+    return replace(fit, point=fit.point.wholly_moved(back))
 
 
 def _slow_colour(point: VehiclePoint, name: str, known: Disturbance) -> float:
