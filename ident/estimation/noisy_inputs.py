@@ -32,6 +32,7 @@ from ident.estimation.input_noise import INPUTS, NAMES, Smoothing
 from ident.estimation.motion_scores import Projection
 from ident.estimation.noise import AutoRegression, Linearised
 from ident.estimation.noise_fit import fit_autoregression
+from ident.estimation.vehicle_covariance import InputScores
 from ident.estimation.vehicle_fit import LONGEST_NOISE, innovation_std, shortened
 from ident.estimation.vehicle_inputs import Probe
 from ident.estimation.vehicle_point import VehiclePoint
@@ -121,13 +122,11 @@ def _with_polynomial(times: Array, values: Array, order: int) -> Linearised:
 class Disturbance:
     """What drawn noise of the inputs does at a point.
 
-    scatter : (s, s) covariance that it adds to the scores of the shared coordinates
-    score : (s,) their mean: what noise does to them that has no mean itself
+    scores : what it adds to those of the shared coordinates
     rows : signal -> (n, DRAWS) of its whitened residual, freed of what the fit takes up
     """
 
-    scatter: Array
-    score: Array
+    scores: InputScores
     rows: dict[str, Array]
 
 
@@ -142,9 +141,9 @@ def disturbance(point: VehiclePoint, noises: Sequence[OwnNoise]) -> Disturbance:
         white = _linear_changes(projection, {one.name: one.drawn(windows, DRAWS, SEED) for one in noises})
         scores = projection.shared_scores(white)
         mean = np.zeros((*scores.shape[:2], 1))
-    scatter = np.einsum("rsk,rtk->st", scores - mean, scores - mean) / DRAWS
+    scatter = np.einsum("rsk,rtk->rst", scores - mean, scores - mean) / DRAWS
     rows = projection.by_signal(projection.freed(white))
-    return Disturbance(scatter, mean.sum(axis=0)[:, 0], rows)
+    return Disturbance(InputScores(mean[:, :, 0], scatter), rows)
 
 
 def _linear_changes(projection: Projection, drawn: Mapping[str, Array]) -> dict[str, Array]:

@@ -37,21 +37,23 @@ def reported_fit(
     if fit.is_coloured:
         fit = least_squares(fit, floor)
         known = disturbance(fit.point, noises)
+        fit = replace(fit, by_inputs=known.scores)
     return _without_shift(fit, known)
 
 
 def _with_known(fit: VehicleFit, known: Disturbance) -> VehicleFit:
     """The fit with a noise of the inputs in its covariance and in the test of what is left."""
     coloured = {name: _slow_colour(fit.point, name, known) for name in fit.point.residuals}
-    covariance = widened(fit.point, fit.information, known.scatter)
-    return replace(fit, coloured=coloured, capped=frozenset(), covariance=covariance)
+    covariance = widened(fit.point, fit.information, known.scores)
+    fit = replace(fit, coloured=coloured, capped=frozenset(), covariance=covariance)
+    return replace(fit, by_inputs=known.scores)
 
 
 def _without_shift(fit: VehicleFit, known: Disturbance) -> VehicleFit:
     """The fit with what noise of the inputs has moved in it taken back."""
-    if not known.score.any():
+    if not known.scores.mean.any():
         return fit
-    back: Array = np.linalg.solve(fit.information, known.score)
+    back = np.asarray(np.linalg.solve(fit.information, known.scores.mean.sum(axis=0)), dtype=np.float64)
     return replace(fit, point=fit.point.wholly_moved(back))
 
 

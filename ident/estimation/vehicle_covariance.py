@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,17 @@ LEAST = 1e-14  # of the largest information: rounding
 TOLD = 0.99  # of the information on a direction: it comes from the data
 
 
+@dataclass(frozen=True)
+class InputScores:
+    """What noise of the inputs adds to the scores of the shared parameters in each run.
+
+    mean : (runs, s); scatter : (runs, s, s) covariance
+    """
+
+    mean: Array
+    scatter: Array
+
+
 def sandwich(point: VehiclePoint, information: Array) -> Array:
     """Covariance from the scores as they are; the prior counts as it is."""
     bread = np.linalg.inv(information)
@@ -25,18 +37,19 @@ def sandwich(point: VehiclePoint, information: Array) -> Array:
     return np.asarray(bread @ (scatter(point) + prior) @ bread)
 
 
-def widened(point: VehiclePoint, information: Array, known: Array | None = None) -> Array:
+def widened(point: VehiclePoint, information: Array, known: InputScores | None = None) -> Array:
     """Covariance of the bound, wider where the scores scatter more than the noise of the signals makes them.
 
     The noise of steering and speed, which are inputs, reaches all signals at once and is in no noise model.
     What is not known of it counts by one factor for all directions, because what the data hold on each alone
     is little.
 
-    known : (s, s) covariance of the scores by noise of the inputs, where it is
+    known : of the noise of the inputs, where it is
     """
     prior = np.diag(1 / point.problem.prior_std**2)
     basis = told_directions(information - prior, information)
-    expected = information - prior if known is None else information - prior + known
+    expected = information - prior
+    expected = expected if known is None else expected + known.scatter.sum(axis=0)
     bread = np.linalg.inv(information)
     factor = 1.0
     if basis.shape[1]:

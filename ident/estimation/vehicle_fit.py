@@ -29,7 +29,7 @@ from ident.estimation.elimination import eliminate, inverse_of, triangle_of
 from ident.estimation.gauss_newton import minimise
 from ident.estimation.noise import AutoRegression, Linearised, NoiseModel, correlation_length
 from ident.estimation.noise_fit import fit_autoregression
-from ident.estimation.vehicle_covariance import sandwich, told_directions, widened
+from ident.estimation.vehicle_covariance import InputScores, sandwich, told_directions, widened
 from ident.estimation.vehicle_point import VehiclePoint, white_noise
 from ident.estimation.vehicle_problem import (
     ALONG,
@@ -69,6 +69,7 @@ class VehicleFit:
     capped : signals whose noise would have been correlated for longer than LONGEST_NOISE
     log_likelihood : of the residuals of the maximum likelihood, the noise as identified
     converged : whether the last iterations met their tolerance
+    by_inputs : what noise of the inputs adds to the scores, where that is known
     """
 
     point: VehiclePoint
@@ -78,6 +79,7 @@ class VehicleFit:
     capped: frozenset[str]
     log_likelihood: float
     converged: bool
+    by_inputs: InputScores | None = None
 
     @property
     def shared(self) -> Array:
@@ -375,12 +377,18 @@ def shift_by_run(fit: VehicleFit, index: int) -> tuple[Array, Array]:
     together = np.vstack(rows)
     others = np.delete(np.arange(fit.shared.size), index)
     of_others, *_ = np.linalg.lstsq(together[:, others], together[:, index], rcond=None)
-    own = [one[:, index] - one[:, others] @ of_others for one in rows]
+    direction = np.insert(-of_others, index, 1.0)
+    own = [one[:, :-1] @ direction for one in rows]
     told = np.array([float(one @ one) for one in own])
     score = np.array([float(one @ part[:, -1]) for one, part in zip(own, rows, strict=True)])
+    spread = told
+    if fit.by_inputs is not None:
+        score = score + fit.by_inputs.mean @ direction
+        spread = told + direction @ fit.by_inputs.scatter @ direction
     loud = told > INFORMATIVE * told.max(initial=0.0)
     safe = np.where(loud, told, 1.0)
-    return np.where(loud, score / safe, 0.0), np.where(loud, np.sqrt(inflation(fit) / safe), np.inf)
+    std = np.sqrt(_beside_inputs(fit) * spread) / safe
+    return np.where(loud, score / safe, 0.0), np.where(loud, std, np.inf)
 
 
 def _quadratic_p(score: Array, spread: Array, wider: float) -> float:
@@ -392,11 +400,24 @@ def _quadratic_p(score: Array, spread: Array, wider: float) -> float:
 
 def inflation(fit: VehicleFit) -> float:
     """How many times larger the scores' covariance is than white residuals would make it, on average."""
-    prior = np.diag(1 / fit.point.problem.prior_std**2)
-    basis = told_directions(fit.information - prior, fit.information)
+    return _over(fit, _told(fit))
+
+
+def _beside_inputs(fit: VehicleFit) -> float:
+    """Likewise, than white residuals and the noise of the inputs that is known would make it."""
+    return _over(fit, _told(fit) if fit.by_inputs is None else _told(fit) + fit.by_inputs.scatter.sum(axis=0))
+
+
+def _told(fit: VehicleFit) -> Array:
+    """(s, s) information that the data hold."""
+    return np.asarray(fit.information - np.diag(1 / fit.point.problem.prior_std**2))
+
+
+def _over(fit: VehicleFit, expected: Array) -> float:
+    basis = told_directions(_told(fit), fit.information)
     scores = fit.information @ fit.covariance @ fit.information
-    mean: float = float(np.trace(basis.T @ scores @ basis)) / max(1, basis.shape[1])
-    return max(1.0, mean)
+    seen, mean = (float(np.trace(basis.T @ one @ basis)) for one in (scores, expected))
+    return max(1.0, seen / mean) if basis.shape[1] else 1.0
 
 
 def to_fixed(problem: VehicleProblem, fit: VehicleFit, others: Sequence[str]) -> Array:

@@ -90,13 +90,13 @@ def test_a_smooth_model_is_not_shifted_and_its_scores_scatter_as_the_draws_say()
     point = point_of(clean, (), {})
     inverse = np.linalg.inv(information_of(point))
     found = disturbance(point, [NOISE])
-    told = np.sqrt(np.diag(inverse @ found.scatter @ inverse))
+    told = np.sqrt(np.diag(inverse @ found.scores.scatter.sum(axis=0) @ inverse))
     steps = [
         moved(point, point_of([noisy(r, 1000 * seed + k) for k, r in enumerate(clean)], (), {}))
         for seed in range(40)
     ]
     assert told == pytest.approx(np.std(steps, axis=0, ddof=1), rel=0.35)
-    assert not found.score.any()
+    assert not found.scores.mean.any()
 
 
 def test_a_play_looks_wider_and_differently_so_each_time_as_the_draws_say() -> None:
@@ -112,8 +112,10 @@ def test_a_play_looks_wider_and_differently_so_each_time_as_the_draws_say() -> N
         seen += [float(moved(point, other)[place]) for other in pair]
         if seed < 4:
             found, inverse = disturbance(pair[0], [NOISE]), np.linalg.inv(information_of(pair[0]))
-            mean.append(float((inverse @ found.score)[place]))
-            spread.append(float(np.sqrt((inverse @ found.scatter @ inverse)[place, place])))
+            mean.append(float((inverse @ found.scores.mean.sum(axis=0))[place]))
+            spread.append(
+                float(np.sqrt((inverse @ found.scores.scatter.sum(axis=0) @ inverse)[place, place]))
+            )
     of_pairs = np.mean(np.reshape(seen, (-1, 2)), axis=1)
     assert np.mean(seen) > 4 * np.std(of_pairs, ddof=1) / np.sqrt(20), "noise makes a play look wider"
     assert -np.mean(mean) == pytest.approx(np.mean(seen), rel=0.25)

@@ -12,7 +12,7 @@ for both axles. Friction is left as it is: the force is that of the axle's curve
 α (1 - s (ΔF_z/F_z)²). Beyond the lift of the inner wheels, ΔF_z = F_z, nothing is lost any more.
 
 Only s (h/b)² can be told from the motion: where h or b is not known, the model stands on the typical h/b, and
-s is that of such a vehicle.
+s is that of such a vehicle. That of a high one may so exceed one.
 
 The a_y that shifts the load comes from the forces that are left after the shift. With F_i0 the forces before
 it, m a_0 their sum and a = a_0 - q a², q = Σ s k_i F_i0/m, k_i = (ΔF_z,i/(F_z,i a))²,
@@ -36,7 +36,7 @@ from ident.dynamics.parameter import Parameter
 from ident.dynamics.symbols import choose, symbol
 
 SENSITIVITY = Parameter(
-    "load_transfer.sensitivity", "1", -0.9, 0.9, 0.4, "share of stiffness lost with all load on one side"
+    "load_transfer.sensitivity", "1", -2.0, 2.0, 0.4, "share of stiffness lost with all load on one side"
 )
 FRONT_SHARE = Parameter(
     "load_transfer.front_share",
