@@ -28,6 +28,7 @@ from ident.estimation.vehicle_fit import (
     VehicleFit,
     identify_noise,
     inflation,
+    least_white,
     shift_by_run,
 )
 from ident.estimation.vehicle_point import VehiclePoint
@@ -40,7 +41,9 @@ Array = NDArray[np.float64]
 
 NOISE_ROUNDS = 4
 SAME_NOISE = 0.005
-OTHER_NOISE = 0.2  # change beyond which the colour is identified anew: it was that of what was missing
+OTHER_NOISE = 0.2  # change beyond which the colour is identified anew
+OTHER_COLOUR = 0.01  # p-value below which likewise
+ROUNDS_KEPT = 2  # after which its order stays
 Z = 1.959964
 
 
@@ -63,16 +66,22 @@ class MotionFit:
         return self.point.problem.values(self.point.shared)
 
     def renoised(self) -> MotionFit:
-        """See :class:`~ident.estimation.layer.LayerFit`."""
-        point = self.point
+        """See :class:`~ident.estimation.layer.LayerFit`.
+
+        The order of a noise is that of the fit before, until its size has changed much or what is left of a
+        signal is not white under it: then the colour was that of what was missing.
+        """
+        point, kept = self.point, ROUNDS_KEPT
         known = any(one.shape.total_over_innovations() > 1 for one in point.noise.values())
         for number in range(NOISE_ROUNDS):
             point = minimised(point)
-            noise, _ = identify_noise(point, self.layer.floor, keep_order=known or number > 1)
+            keep = known or number >= kept
+            noise, _ = identify_noise(point, self.layer.floor, keep_order=keep)
             changed = max(abs(noise[n].std / point.noise[n].std - 1) for n in noise)
-            known = known and changed < OTHER_NOISE
-            point = point.with_noise(noise)
-            if changed < SAME_NOISE:
+            point, settled = point.with_noise(noise), changed < SAME_NOISE
+            if known and (changed > OTHER_NOISE or (settled and least_white(point) < OTHER_COLOUR)):
+                known, kept = False, number + 1 + ROUNDS_KEPT
+            elif settled:
                 break
         return MotionFit(self.layer, self.keys, minimised(point))
 

@@ -22,6 +22,7 @@ from ident.dynamics.effects.probes import PROBES
 from ident.dynamics.effects.tyre_relaxation import LENGTH, shortest_length
 from ident.dynamics.engine import Engine, compiled
 from ident.dynamics.tyres import tyre_of
+from ident.estimation.adaptive_smoothing import with_adaptively_smoothed
 from ident.estimation.coordinates import Coordinate, RunTerm
 from ident.estimation.input_noise import InputNoise, input_noise, with_smooth_inputs
 from ident.estimation.layer import SIZE, DoesNotFit, EffectCard, HeldOut, LayerFit
@@ -42,7 +43,7 @@ from ident.estimation.motion_starts import (
     settled,
     terms_of_runs,
 )
-from ident.estimation.noisy_inputs import OwnNoise, own_noise
+from ident.estimation.own_noise import OwnNoise, own_noise
 from ident.estimation.tyre_fit import AXLES, BANK, SENSOR_BIAS, WINDOW, Body, coordinates_of
 from ident.estimation.vehicle_fit import (
     rough_point,
@@ -105,6 +106,11 @@ class MotionLayer:
         return Windows([part for record in records for part in cut(record, WINDOW, LEAD)])
 
     @cached_property
+    def calm_windows(self) -> Windows:
+        """The same for a model with corners before it: their angle is smoothed for as long as it rests."""
+        return with_adaptively_smoothed(self.windows, self.own_noise)
+
+    @cached_property
     def input_noise(self) -> list[InputNoise]:
         """What is left in the inputs of the windows."""
         return input_noise(self.records)
@@ -147,14 +153,15 @@ class MotionLayer:
         }
         blocks = tuple(block for effect in effects for block in effect.blocks)
         terms = [*self.base_terms, *(term for effect in effects for term in effect.run_terms)]
-        terms += begin_terms(blocks, self.windows)
+        windows = self.calm_windows if any(block.hysteresis for block in blocks) else self.windows
+        terms += begin_terms(blocks, windows)
         around = Around(
             blocks,
             {signal: name for effect in effects for signal, name in (effect.late or {}).items()},
             {key: self._pushes(key) for key in generic},
         )
         tyres = {axle: (tyre_of(KIND), self.body.load(axle)) for axle in AXLES}
-        return VehicleProblem(engine, self.windows, coordinates, fixed, terms, around, tyres)
+        return VehicleProblem(engine, windows, coordinates, fixed, terms, around, tyres)
 
     def _effects(self, keys: Sequence[str]) -> list[MotionEffect]:
         """Those of the keys that are no generic terms."""
@@ -259,7 +266,7 @@ class MotionLayer:
         local = problem.initial_local
         if start is not None:
             before = start.point
-            if before.problem.windows is problem.windows:
+            if before.problem.windows.same_as(problem.windows):
                 of_runs = terms_of_runs(problem, before)
             begun = begun_states(problem, self._effects(keys), before)
             problem.initial_local[:, : problem.states] += begun

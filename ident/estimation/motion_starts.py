@@ -25,7 +25,7 @@ def begun_states(problem: VehicleProblem, effects: Sequence[MotionEffect], befor
     """(w, x) where the states that effects bring begin: at what the model without them says, else at zero."""
     made = np.zeros((len(problem.windows.records), problem.states))
     begins = {s: o for effect in effects for part in effect.parts for s, o in part.begins.items()}
-    if not begins or before.problem.windows is not problem.windows:
+    if not begins or not before.problem.windows.same_as(problem.windows):
         return made
     outputs = before.outputs
     first = problem.windows.offsets[:-1]
@@ -50,7 +50,7 @@ def terms_of_runs(problem: VehicleProblem, before: VehiclePoint) -> Array:
 def initial_states(problem: VehicleProblem, before: VehiclePoint, local: Array) -> Array:
     """Initial states of a fit, for a model that may have more or fewer states."""
     made, old = local.copy(), before.problem.engine.states
-    if before.problem.windows is not problem.windows:
+    if not before.problem.windows.same_as(problem.windows):
         return made
     for number, name in enumerate(problem.engine.states):
         if name in old:

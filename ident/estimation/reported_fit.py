@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from ident.estimation.noisy_inputs import Disturbance, OwnNoise, disturbance
+from ident.estimation.noisy_inputs import Disturbance, disturbance
+from ident.estimation.own_noise import OwnNoise
 from ident.estimation.vehicle_covariance import widened
 from ident.estimation.vehicle_fit import VehicleFit, block_sums, fit_at, identify_noise, least_squares
 from ident.estimation.vehicle_point import VehiclePoint

@@ -300,6 +300,14 @@ def fit_at(point: VehiclePoint, capped: frozenset[str], *, converged: bool) -> V
     return replace(fit, covariance=widened(point, fit.information))
 
 
+def least_white(point: VehiclePoint) -> float:
+    """Least p-value of the sums of whitened residuals over blocks of time, of any signal.
+
+    But for the position along the path, in which the noise of the speed adds up.
+    """
+    return min((_slow_colour(point, name) for name in point.residuals if name != ALONG), default=1.0)
+
+
 def _slow_colour(point: VehiclePoint, name: str) -> float:
     """p-value of the sums of a whitened residual over blocks of time, were it white."""
     total = block_sums(point.white[name][:, -1:], point.residuals[name].samples)

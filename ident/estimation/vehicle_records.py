@@ -6,10 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from ident.estimation.adaptive_smoothing import AdaptiveSpans
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -144,12 +148,23 @@ class Stretch:
         return made
 
 
+COLUMNS = ("road_wheel_angle", "longitudinal_velocity")
+"""Inputs of the model that are measured."""
+
+
 class Windows:
-    """The windows of all runs, one after another on one grid."""
+    """The windows of all runs, one after another on one grid.
+
+    inputs : (N, 2) as ``COLUMNS`` names them
+    adaptive : input -> the spans over which it is smoothed beyond what is done to all inputs
+    """
+
+    adaptive: dict[str, AdaptiveSpans]
 
     def __init__(self, records: Sequence[MotionRecord]) -> None:
         """Take the records: at least one, those of a run one after another."""
         self.records = list(records)
+        self.adaptive = {}
         self.run = np.array([record.run for record in records], dtype=np.intp)
         self.runs = int(self.run.max()) + 1
         self.offsets = np.cumsum([0, *(record.times.size for record in records)]).astype(np.intp)
@@ -167,6 +182,10 @@ class Windows:
         """The measured signals that any window has."""
         names = sorted({name for record in self.records for name in record.measured})
         return {name: self._samples(name) for name in names}
+
+    def same_as(self, other: Windows) -> bool:
+        """Whether they are cut from the same records, so that states of the one are of the other."""
+        return self.records is other.records
 
     @property
     def seconds(self) -> float:

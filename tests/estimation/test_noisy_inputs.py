@@ -14,7 +14,8 @@ from scipy.signal import freqz, lfilter
 from ident.estimation.input_noise import INPUTS
 from ident.estimation.motion_scores import Projection
 from ident.estimation.noise import AutoRegression
-from ident.estimation.noisy_inputs import OwnNoise, disturbance, own_noise
+from ident.estimation.noisy_inputs import disturbance
+from ident.estimation.own_noise import OwnNoise, own_noise
 from ident.estimation.vehicle_point import VehiclePoint
 from ident.estimation.vehicle_records import MotionRecord
 
