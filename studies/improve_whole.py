@@ -45,7 +45,7 @@ from ident.stages.output import Context  # noqa: E402
 KEPT = HERE / "results" / "improve_whole.jsonl"
 SOUND = "sound"
 DRIVEN = ("there_and_back", "sweep_fast", "steps", "slow_circles")
-RATES = (100.0, 50.0)  # [1/s]
+RATES = ("100 Hz", "50 Hz")
 WORSE = 1.01  # after over before, of a signal: beyond, it is worse
 
 
@@ -90,9 +90,9 @@ def written(folder: Path, injected: Sequence[Injected], seed: int) -> tuple[Path
     return folder / FOLDER / one, hidden_truck(one, seed, answers)[0]
 
 
-def _improved(logs: Path, rate: float) -> ImproveResult:
+def _improved(logs: Path, rate: str) -> ImproveResult:
     context = Context(command="study", date="2026-01-01T00:00:00Z")
-    inputs = InputSettings(align=AlignSettings(rate=rate))
+    inputs = InputSettings(align=AlignSettings.model_validate({"rate": rate}))
     return improve([logs], inputs, ImproveSettings(), context).result
 
 

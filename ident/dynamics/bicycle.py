@@ -13,10 +13,11 @@ below ``CRAWL`` it is replaced by (v² + v_s²)/(2 v_s), so that a truck at stan
 creeps on level ground: a tyre then resists sliding like a damper.
 
 What effects may change, in the order in which it is passed: longitudinal_velocity, road_wheel_angle,
-front_slip_angle, rear_slip_angle, load_shifting_acceleration (from the axles' force curves), then for each
-axle front_working_slip (where its curve is read), front_lateral_force (its static force) and front_tyre_force
-(that of the moment), felt_force (of tyres and air), lateral_force (with gravity), yaw_moment,
-measured_<signal>.
+front_slip_angle, rear_slip_angle, load_shifting_acceleration (from the axles' force curves),
+front_shifted_force and rear_shifted_force (with it), settled_acceleration (from these), then for each axle
+front_working_slip (where its curve is read), front_axle_force (from the curve of both its wheels),
+front_lateral_force (its static force) and front_tyre_force (that of the moment), felt_force (of tyres and
+air), lateral_force (with gravity), yaw_moment, measured_<signal>.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from sympy import Expr
 
 from ident.dynamics.constants import GRAVITY
 from ident.dynamics.effects import ROAD_BANK, STEERING_OFFSET, Effect, Ports
-from ident.dynamics.effects.effect import known_symbols
+from ident.dynamics.effects.effect import ON_CURVE, known_symbols
 from ident.dynamics.reference_point import (
     CG,
     ReferencePoint,
@@ -40,7 +41,7 @@ from ident.dynamics.reference_point import (
     moved_position,
     moved_velocity,
 )
-from ident.dynamics.symbols import guarded
+from ident.dynamics.symbols import guarded, symbol
 from ident.dynamics.system import System
 from ident.dynamics.tyres import Tyre, tyre_of
 
@@ -140,19 +141,25 @@ def _axle_forces(
 ) -> tuple[Expr, Expr]:
     """Forces front and rear after the effects.
 
-    The curves at the slip angles themselves are there for effects that need a force to begin with; no code
+    The curves, and the forces at the slip angles themselves, are there for effects that need them; no code
     comes of them in a model without such an effect.
     """
     axles = list(zip(AXLES, kinds, slips, strict=True))
+    for axle, kind, _ in axles:
+        ports.known[f"{axle}_curve"] = _curve(ports, axle, kind, symbol(ON_CURVE))
     front, rear = (
         ports.named(f"{axle}_curve_force", _curve(ports, axle, kind, s)) for axle, kind, s in axles
     )
     ports.through("load_shifting_acceleration", (front * sympy.cos(angle) + rear) / ports.known["mass"])
+    for axle in AXLES:
+        ports.through(f"{axle}_shifted_force", ports.known[f"{axle}_curve_force"])
+    ports.through("settled_acceleration", ports.known["load_shifting_acceleration"])
     working = [(axle, kind, ports.through(f"{axle}_working_slip", s)) for axle, kind, s in axles]
     static = [
-        (axle, ports.through(f"{axle}_lateral_force", _curve(ports, axle, kind, slip)))
+        (axle, ports.through(f"{axle}_axle_force", _curve(ports, axle, kind, slip)))
         for axle, kind, slip in working
     ]
+    static = [(axle, ports.through(f"{axle}_lateral_force", force)) for axle, force in static]
     front, rear = (ports.through(f"{axle}_tyre_force", force) for axle, force in static)
     return front, rear
 

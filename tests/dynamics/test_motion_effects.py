@@ -118,12 +118,12 @@ def test_a_model_with_effects_moves_as_a_truck_that_was_integrated_by_hand(case:
     found = driven(engine, angle, speed, values)
     expected = EffectTruck(magic(3.3e5), magic(4e5), **by_hand).drive(angle, speed, STEP)
     plain = EffectTruck(magic(3.3e5), magic(4e5)).drive(angle, speed, STEP)
-    # Which load the forces of the moment shift is found in closed form, for curves that are straight.
+    # Which load the forces of the moment shift is found by one step of Newton's method.
     closed = "sensitivity" in by_hand and "length" not in by_hand
     for name in (*SIGNALS, "roll_angle", "roll_rate"):
         wrong = np.max(np.abs(found[name] - expected[name]))
         effect = np.max(np.abs(expected[name] - plain[name]))
-        assert wrong <= (0.008 * effect if closed else 1e-9 * np.max(np.abs(expected[name]))), name
+        assert wrong <= (5e-4 * effect if closed else 1e-9 * np.max(np.abs(expected[name]))), name
     assert max(np.max(np.abs(plain[n] - expected[n])) / np.ptp(plain[n]) for n in SIGNALS) > 0.01
 
 
@@ -313,7 +313,7 @@ INJECTED: dict[str, tuple[dict[str, float], dict[str, float], float]] = {
     "load_transfer": (
         {"sensitivity": 0.45, "front_share": 0.4},
         {"load_transfer.sensitivity": 0.45, "load_transfer.front_share": 0.4},
-        0.035,  # two wheels of different load on a bent curve lose a little more than one curve says
+        2e-3,  # a_y goes by one step of Newton's method
     ),
 }
 

@@ -356,7 +356,7 @@ def test_the_lag_of_tyres_composes_and_load_transfer_comes_only_once() -> None:
     assert read["d.lateral_velocity"] == pytest.approx(
         20e3 / p["mass"] - point["longitudinal_velocity"] * point["yaw_rate"], rel=1e-12
     )
-    with pytest.raises(ValueError, match=r"load_transfer enters at .*front_working_slip"):
+    with pytest.raises(ValueError, match=r"load_transfer enters at .*front_axle_force"):
         two_track("linear", "linear", (LOAD_TRANSFER,))
 
 

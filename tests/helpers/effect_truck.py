@@ -58,21 +58,28 @@ class EffectTruck:
             angle - math.atan((across + self.l_f * turn) / speed),
             -math.atan((across - self.l_r * turn) / speed),
         )
-        lost, shifted = (0.0, 0.0), (self.front(slips[0]), self.rear(slips[1]))
-        for _ in range(15 if self.sensitivity else 1):
+        shifted = (self.front(slips[0]), self.rear(slips[1]))
+        for _ in range(30 if self.sensitivity else 1):
             now = tuple(state[5:7]) if self.length else shifted
             felt = (now[0] * math.cos(angle) + now[1]) / self.mass
-            lost = tuple(self._lost(axle, felt) for axle in (0, 1))
-            shifted = (self.front(slips[0] * (1 - lost[0])), self.rear(slips[1] * (1 - lost[1])))
+            shifted = tuple(self._wheels(axle, slips[axle], felt) for axle in (0, 1))
         return shifted
 
-    def _lost(self, axle: int, felt: float) -> float:
-        """Share of an axle's stiffness that is lost, from the loads of its two sides [N]."""
+    def _wheels(self, axle: int, slip: float, felt: float) -> float:
+        """Both wheels of an axle [N]: friction goes by the load of each, stiffness by c_1 F_z - c_2 F_z²."""
         share = self.front_share if axle == 0 else 1 - self.front_share
         distance = self.l_r if axle == 0 else self.l_f
         side = self.mass * GRAVITY * distance / (self.l_f + self.l_r) / 2
-        shift = share * self.mass * felt * self.height_over_track
-        return self.sensitivity * min(1.0, (shift / side) ** 2)
+        moved = share * self.mass * felt * self.height_over_track
+        moved = max(-side, min(side, moved))
+        curvature = self.sensitivity / (1 + self.sensitivity) / side  # c_2/c_1
+        curve, force = (self.front, self.rear)[axle], 0.0
+        for load in (side + moved, side - moved):
+            steeper = (
+                (load - curvature * load**2) / (side - curvature * side**2) / (load / side) if load else 0.0
+            )
+            force += load / side / 2 * curve(steeper * slip)
+        return force
 
     def motion(self, state: list[float], angle: float, logged: float) -> tuple[list[float], float]:
         """Rates of the states, and the felt acceleration."""

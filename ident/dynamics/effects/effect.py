@@ -67,6 +67,14 @@ class Effect:
         return tuple(parameter.name for parameter in (*self.parameters, *self.given))
 
 
+ON_CURVE = "slip angle on a curve"
+
+
+def on_curve(known: Known, axle: str, slip: Expr) -> Expr:
+    """Static force of an axle [N] at another slip angle [rad], its load that at rest."""
+    return known[f"{axle}_curve"].xreplace({symbol(ON_CURVE): slip})
+
+
 class Ports:
     """The values of a model that is being built, each after the effects that enter there.
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ident.dynamics.blocks import lagged, oscillating, play
 from ident.dynamics.constants import GRAVITY
 from ident.dynamics.effects.effect import Effect
-from ident.dynamics.effects.load_transfer import LOAD_TRANSFER
+from ident.dynamics.effects.load_transfer import SLIGHT
 from ident.dynamics.effects.probes import PORTS
 from ident.dynamics.effects.road_bank import ROAD_BANK
 from ident.dynamics.effects.sensor_bias import sensor_bias
@@ -49,10 +49,9 @@ ALONG = {
     "rear_working_slip": "rear_slip_angle",
     "front_lateral_force": "front_static_force",
     "rear_lateral_force": "rear_static_force",
-    "load_shifting_acceleration": "felt_acceleration",
+    "settled_acceleration": "felt_acceleration",
 }
 PROBED = {port: name for name, port in PORTS.items()} | {"longitudinal_velocity": "longitudinal_velocity"}
-SECOND_ORDER = ("load_shifting_acceleration",)  # ports at which an effect acts on nothing but itself
 MEASURED = "measured_"
 VALUE = "value of the port"
 
@@ -126,8 +125,8 @@ def _plain(effect: Effect) -> Callable[[Trajectory], list[ShapeColumns]]:
 
 
 def _load_transfer(along: Trajectory) -> list[ShapeColumns]:
-    size, share = LOAD_TRANSFER.parameter_names
-    return [_of_changes(LOAD_TRANSFER, along, (size,), {share: value}) for value in FRONT_SHARES]
+    size, share = SLIGHT.parameter_names
+    return [_of_changes(SLIGHT, along, (size,), {share: value}) for value in FRONT_SHARES]
 
 
 def _relaxation(along: Trajectory) -> list[ShapeColumns]:
@@ -206,8 +205,6 @@ def _of_changes(
     """Derivatives of all that an effect changes to its free parameters, at zero."""
     inputs, signals = {}, {}
     for port in effect.changes:
-        if port in SECOND_ORDER:
-            continue
         columns = _columns(effect, port, along, tuple(free), at)
         if port.startswith(MEASURED):
             signals[port.removeprefix(MEASURED)] = columns
