@@ -7,7 +7,7 @@ parameters as coordinates; a bias is a term of each run; a play stands before th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,8 @@ class MotionEffect:
     blocks : before the model; late : signal -> coordinate that holds its delay
     sizes : coordinate (or "bias") -> parameter of the catalogue, the size first
     needs : signals without which it cannot be tested
+    bends : whether the curves of the tyres can stand in for much of it, so that a fit from its whole size
+        at first order may go astray
     """
 
     key: str
@@ -73,6 +75,7 @@ class MotionEffect:
     blocks: tuple[InputBlock, ...] = ()
     late: Mapping[str, str] | None = None
     needs: tuple[str, ...] = ()
+    bends: bool = False
 
     @property
     def freedom(self) -> int:
@@ -185,7 +188,7 @@ def motion_effects() -> dict[str, MotionEffect]:
         *(_bias(signal) for signal in ("yaw_rate", "lateral_acceleration", "lateral_velocity")),
         *(_late(sensor, signals) for sensor, signals in LATE.items()),
         _of_model(TYRE_RELAXATION, positive=(LENGTH.name,)),
-        _of_model(LOAD_TRANSFER),
+        replace(_of_model(LOAD_TRANSFER), bends=True),
         _of_model(BODY_ROLL, positive=tuple(one.name for one in BODY_ROLL.parameters[1:])),
         _of_model(STEERING_RATIO_NONLINEARITY),
         _of_model(WHEEL_SPEED_SCALE),

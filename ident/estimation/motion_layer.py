@@ -67,6 +67,7 @@ PARTS_ORDER = (
     "body_roll",
 )
 MOST_STARTS = 6
+SMALL = 0.25  # of a size at first order
 FARTHEST = float(np.log(3.0))  # of the logarithm of the yaw inertia: beyond, it stands in for something else
 
 
@@ -228,10 +229,18 @@ class MotionLayer:
     ) -> list[dict[str, float]]:
         """Values of the effects' coordinates to begin with, one for each combination of shapes."""
         own = [
-            [self._named(key, one) for one in shapes.get(key) or [{}]] for key in keys if key in self.effects
+            [self._named(key, one) for one in self._sizes(key, shapes.get(key) or [{}])]
+            for key in keys
+            if key in self.effects
         ]
         made = [{k: v for part in parts for k, v in part.items()} for parts in product(*own)]
         return made[:MOST_STARTS]
+
+    def _sizes(self, key: str, given: Sequence[Mapping[str, float]]) -> list[Mapping[str, float]]:
+        """The same; of an effect that bends curves also from a part of its size."""
+        if not self.effects[key].bends:
+            return list(given)
+        return [*given, *({**one, SIZE: SMALL * one[SIZE]} for one in given if SIZE in one)]
 
     def _named(self, key: str, given: Mapping[str, float]) -> dict[str, float]:
         """Values to begin with by the names of coordinates; "size" stands for the first of the effect."""
