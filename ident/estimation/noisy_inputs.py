@@ -7,10 +7,12 @@ followed to first order.
 It shifts it, too, where something before the model has corners. The output of a play follows the largest
 input so far, and holds what was largest for as long as the truck drives straight; noise makes that larger,
 and a play comes out too wide. Both, how much and how differently each time, is seen by simulation: the
-inputs as smoothed are taken for the true ones, noise is drawn, smoothed likewise and added, in pairs of
-opposite signs so that all that is linear cancels in the mean; what changes in the outputs is what the fit
-took for a change of its parameters (bias correction by a parametric bootstrap, Efron and Tibshirani 1993,
-chapter 10).
+inputs as smoothed are taken for the true ones, noise is drawn, added in pairs of opposite signs so that all
+that is linear cancels in the mean, and smoothed likewise; what changes in the outputs is what the fit took
+for a change of its parameters (parametric bootstrap, Efron and Tibshirani 1993, chapter 10). The inputs that
+are taken for the true ones still hold a part of their noise, so that the shift comes out too small, by half
+where a wheel is turned and held in turn, and may have the wrong sign where it is small. It is not taken back:
+its square counts in the covariance.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ident.estimation.adaptive_smoothing import with_adaptively_smoothed
 from ident.estimation.motion_scores import Projection
 from ident.estimation.own_noise import OwnNoise
 from ident.estimation.vehicle_covariance import InputScores
@@ -71,15 +74,16 @@ def _linear_changes(projection: Projection, noises: Sequence[OwnNoise]) -> dict[
 
 def _changes(point: VehiclePoint, noises: Sequence[OwnNoise]) -> dict[str, Array]:
     """(n, DRAWS) changes of each whitened output by draws and their opposites, smoothed as the inputs are."""
-    windows = point.problem.windows
-    drawn = np.zeros((*windows.inputs.shape, DRAWS // 2))
+    windows, half = point.problem.windows, DRAWS // 2
+    drawn = np.zeros((*windows.inputs.shape, half))
     for one in noises:
-        values = one.drawn(windows, DRAWS // 2, SEED)
-        spans = windows.adaptive.get(one.name)
-        drawn[:, COLUMNS.index(one.name)] = spans.of(windows, values) if spans else values
-    noise = np.moveaxis(np.concatenate([drawn, -drawn], axis=2), 2, 0)
-    before = modelled(point, windows.inputs)
-    after = [modelled(point, windows.inputs + one) for one in noise]
+        drawn[:, COLUMNS.index(one.name)] = one.drawn(windows, half, SEED)
+    before, after = modelled(point, windows.inputs), []
+    for noise in np.moveaxis(np.concatenate([drawn, -drawn], axis=2), 2, 0):
+        noisy = copy.copy(windows)
+        noisy.inputs = windows.inputs + noise
+        noisy = with_adaptively_smoothed(noisy, noises) if windows.adaptive else noisy
+        after.append(modelled(point, noisy.inputs))
     return {name: np.column_stack([one[name] - of for one in after]) for name, of in before.items()}
 
 

@@ -1,4 +1,4 @@
-"""A fit of the motion as it is reported: its covariance, and free of what noise of the inputs does to it."""
+"""A fit of the motion as it is reported: its covariance, with what noise of the inputs does to it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def reported_fit(
         fit = least_squares(fit, floor)
         known = disturbance(fit.point, noises)
         fit = replace(fit, by_inputs=known.scores)
-    return _without_shift(fit, known)
+    return _with_shift(fit, known)
 
 
 def _with_known(fit: VehicleFit, known: Disturbance) -> VehicleFit:
@@ -50,12 +50,10 @@ def _with_known(fit: VehicleFit, known: Disturbance) -> VehicleFit:
     return replace(fit, by_inputs=known.scores)
 
 
-def _without_shift(fit: VehicleFit, known: Disturbance) -> VehicleFit:
-    """The fit with what noise of the inputs has moved in it taken back."""
-    if not known.scores.mean.any():
-        return fit
-    back = np.asarray(np.linalg.solve(fit.information, known.scores.mean.sum(axis=0)), dtype=np.float64)
-    return replace(fit, point=fit.point.wholly_moved(back))
+def _with_shift(fit: VehicleFit, known: Disturbance) -> VehicleFit:
+    """The fit with what noise of the inputs may have moved in it counted as an error."""
+    shift = np.linalg.solve(fit.information, known.scores.mean.sum(axis=0))
+    return replace(fit, covariance=fit.covariance + np.outer(shift, shift))
 
 
 def _slow_colour(point: VehiclePoint, name: str, known: Disturbance) -> float:

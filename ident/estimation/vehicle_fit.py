@@ -391,7 +391,6 @@ def shift_by_run(fit: VehicleFit, index: int) -> tuple[Array, Array]:
     score = np.array([float(one @ part[:, -1]) for one, part in zip(own, rows, strict=True)])
     spread = told
     if fit.by_inputs is not None:
-        score = score + fit.by_inputs.mean @ direction
         spread = told + direction @ fit.by_inputs.scatter @ direction
     loud = told > INFORMATIVE * told.max(initial=0.0)
     safe = np.where(loud, told, 1.0)
