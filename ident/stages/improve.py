@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ident.errors import NotIdentifiable
 from ident.estimation.before_after import same_size
 from ident.estimation.improvement import Improvement, improve_layers, with_term
@@ -50,6 +52,7 @@ from ident.stages.output import Context, StageOutput
 
 NO_ERROR = ErrorComparison({}, {}, {}, "none")
 TOLD_BY_SENSORS = ("wheel_speed_scale", "sensor_bias yaw_rate", "sensor_latency yaw_rate")
+FARTHER = 1.5  # error of a run over that of the others, from which it is told
 DIFFERENT = 1e-3  # p-value below which an effect is not of one size in all runs
 MILLI = ("rad", "rad/s")
 
@@ -189,7 +192,10 @@ def _result(
         not_testable=not_testable(found, gate, missing),
         runs=[run.health for run in loaded.runs],
         refused=[*data.refused, *loaded.unreadable],
-        warnings=[*loaded.warnings, *data.warnings, *_unlike(effects), *_left_in(parts)],
+        warnings=[
+            *(*loaded.warnings, *data.warnings),
+            *(*_unlike(effects), *_left_in(parts), *(farther_off(parts) if found.passes else [])),
+        ],
         regressor=regressor,
     )
 
@@ -226,6 +232,22 @@ def _unlike(effects: Sequence[FoundEffect]) -> list[str]:
         for one in effects
         if one.same_in_runs_p is not None and one.same_in_runs_p < DIFFERENT
     ]
+
+
+def farther_off(parts: Sequence[Compared]) -> list[str]:
+    """Runs that are predicted clearly worse than the others, where too few moments show it for the gate."""
+    told = []
+    for part in parts:
+        for signal, rows in part.rows.items():
+            square, of = (rows[:, 2] - rows[:, 4]) ** 2, rows[:, 0].astype(int)
+            runs = np.unique(of)
+            size = np.array([float(np.sqrt(np.mean(square[of == run]))) for run in runs])
+            worst = int(np.argmax(size)) if len(runs) > 2 else 0
+            times = size[worst] / float(np.median(np.delete(size, worst))) if len(runs) > 2 else 1.0
+            if times > FARTHER:
+                where = f"{signal} in {part.runs[runs[worst]]}: {times:.1f} times the error of the other runs"
+                told.append(f"{where}; too few moments show it for a test, so drive such a run again")
+    return told
 
 
 def _told(

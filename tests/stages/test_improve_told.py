@@ -13,7 +13,7 @@ from ident.dynamics.effects.catalogue import CATALOGUE, not_built
 from ident.estimation.improvement import Improvement, Tried, improve_layers, with_term
 from ident.estimation.layer import EffectCard, Shape
 from ident.estimation.residual_tests import Screened, screen
-from ident.stages.improve import verdict_of
+from ident.stages.improve import farther_off, verdict_of
 from ident.stages.improve_held_out import Compared
 from ident.stages.improve_told import (
     _candidate,
@@ -273,3 +273,14 @@ def test_an_effect_that_only_half_of_the_runs_show_has_no_name() -> None:
     assert verdicts["all"] == ("named", "")
     assert verdicts["half"][0] == "unexplained"
     assert verdicts["half"][1].startswith("e3 is not of one size in all runs (p = ")
+
+
+def test_a_run_that_is_predicted_worse_than_the_others_is_told() -> None:
+    rows = []
+    for run, size in enumerate((1.0, 1.1, 1.9, 0.9)):
+        error = size * (-1.0) ** np.arange(500)
+        rows.append(np.column_stack([np.full(500, run), np.arange(500.0), error, error, np.zeros(500)]))
+    runs = [f"run_{number}" for number in range(4)]
+    (told,) = farther_off([Compared({"yaw_rate": np.vstack(rows)}, {}, runs, "run")])
+    assert told.startswith("yaw_rate in run_2: 1.9 times the error of the other runs")
+    assert not farther_off([Compared({"yaw_rate": np.vstack(rows[:2])}, {}, runs, "run")])
