@@ -39,7 +39,7 @@ from ruamel.yaml import YAML  # noqa: E402
 from ident.results import ImproveResult  # noqa: E402
 from ident.stages.improve import improve  # noqa: E402
 from ident.stages.improve_settings import ImproveSettings  # noqa: E402
-from ident.stages.inputs import AlignSettings, InputSettings  # noqa: E402
+from ident.stages.inputs import InputSettings  # noqa: E402
 from ident.stages.output import Context  # noqa: E402
 
 KEPT = HERE / "results" / "improve_whole.jsonl"
@@ -90,10 +90,14 @@ def written(folder: Path, injected: Sequence[Injected], seed: int) -> tuple[Path
     return folder / FOLDER / one, hidden_truck(one, seed, answers)[0]
 
 
+def inputs_at(rate: str) -> InputSettings:
+    """Return settings of a common time base such as "50 Hz"."""
+    return InputSettings.model_validate({"align": {"rate": rate}})
+
+
 def _improved(logs: Path, rate: str) -> ImproveResult:
     context = Context(command="study", date="2026-01-01T00:00:00Z")
-    inputs = InputSettings(align=AlignSettings.model_validate({"rate": rate}))
-    return improve([logs], inputs, ImproveSettings(), context).result
+    return improve([logs], inputs_at(rate), ImproveSettings(), context).result
 
 
 def floors(truth: Truth) -> dict[str, float]:

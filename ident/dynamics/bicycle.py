@@ -33,7 +33,7 @@ from sympy import Expr
 
 from ident.dynamics.constants import GRAVITY
 from ident.dynamics.effects import ROAD_BANK, STEERING_OFFSET, Effect, Ports
-from ident.dynamics.effects.effect import ON_CURVE, known_symbols
+from ident.dynamics.effects.effect import AXLES, ON_CURVE, known_symbols
 from ident.dynamics.reference_point import (
     CG,
     ReferencePoint,
@@ -53,7 +53,6 @@ STABLE_STEP = 1.0  # largest product of a substep and the fastest eigenvalue; RK
 STATES = ("lateral_velocity", "yaw_rate", "heading", "position_x", "position_y")
 INPUTS = ("road_wheel_angle", "longitudinal_velocity")
 BODY = ("mass", "yaw_inertia", "cg_to_front_axle", "cg_to_rear_axle")
-AXLES = ("front", "rear")
 MOUNTING = ("reference_x", "imu_x", "imu_y")
 
 

@@ -10,9 +10,7 @@ turns.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,55 +28,23 @@ ANGLES = ("road_wheel_angle",)
 REMEMBERED = 4.0  # [s] after which an autoregression has forgotten an innovation
 
 
-@dataclass(frozen=True)
-class AdaptiveSpans:
-    """Over how long each sample of an input is smoothed.
-
-    column : of the inputs; chosen : of each stretch, (k,) how many of the spans are agreed on
-    """
-
-    column: int
-    chosen: Sequence[NDArray[np.intp]]
-
-    def of(self, windows: Windows, values: Array) -> Array:
-        """(N, ...) values of the column, smoothed already as the input is, smoothed on over these spans."""
-        made = values.copy()
-        for stretch, chosen in zip(windows.stretches, self.chosen, strict=True):
-            whole, period = stretch.whole(values), float(windows.steps[stretch.rows[0]])
-            smooth = whole.copy()
-            for number, span in enumerate(SPANS[: int(chosen.max(initial=0))]):
-                here = chosen == number + 1
-                smooth[here] = Smoothing(span, ORDER).of(whole, period)[here]
-            made[stretch.rows] = smooth[stretch.place]
-        return made
-
-
-def with_adaptively_smoothed(windows: Windows, noises: Sequence[OwnNoise]) -> Windows:
-    """The same windows with such inputs; what belongs to their records carries over."""
-    made = copy.copy(windows)
-    made.inputs, made.adaptive = windows.inputs.copy(), {}
+def adaptively_smoothed(windows: Windows, inputs: Array, noises: Sequence[OwnNoise]) -> Array:
+    """(N, 2) inputs of windows, smoothed already as their noises say, the angle smoothed on."""
+    made = inputs.copy()
     for noise in (one for one in noises if one.name in ANGLES):
-        spans = adaptive_spans(windows, noise)
-        made.adaptive[noise.name] = spans
-        made.inputs[:, spans.column] = spans.of(windows, windows.inputs[:, spans.column])
+        column = COLUMNS.index(noise.name)
+        for stretch in windows.stretches:
+            whole, period = stretch.whole(inputs[:, column]), float(windows.steps[stretch.rows[0]])
+            made[stretch.rows, column] = smoothed_stretch(whole, noise, period)[stretch.place]
     return made
 
 
-def adaptive_spans(windows: Windows, noise: OwnNoise) -> AdaptiveSpans:
-    """The spans for an input with this noise, smoothed already as that says."""
-    column, chosen = COLUMNS.index(noise.name), []
-    for stretch in windows.stretches:
-        whole, period = stretch.whole(windows.inputs[:, column]), float(windows.steps[stretch.rows[0]])
-        chosen.append(_chosen(whole, noise, period))
-    return AdaptiveSpans(column, chosen)
-
-
-def _chosen(values: Array, noise: OwnNoise, period: float) -> NDArray[np.intp]:
-    """(n,) how many of the spans agree at each sample of one stretch."""
+def smoothed_stretch(values: Array, noise: OwnNoise, period: float) -> Array:
+    """(n,) one stretch, over the longest span that agrees at each sample; ``period`` of its grid [s]."""
     answer = _answer(noise, period)
     reach = AGREE * float(np.linalg.norm(answer))
     low, high = values - reach, values + reach
-    made, alive = np.zeros(values.size, dtype=np.intp), np.ones(values.size, dtype=bool)
+    made, alive = values.copy(), np.ones(values.size, dtype=bool)
     for span in SPANS:
         smoothing = Smoothing(span, ORDER)
         weights = smoothing.weights(period)
@@ -88,7 +54,7 @@ def _chosen(values: Array, noise: OwnNoise, period: float) -> NDArray[np.intp]:
         reach = AGREE * float(np.linalg.norm(np.convolve(answer, weights)))
         low, high = np.maximum(low, estimate - reach), np.minimum(high, estimate + reach)
         alive &= low <= high
-        made[alive] += 1
+        made[alive] = estimate[alive]
     return made
 
 

@@ -7,6 +7,7 @@ of the pose, which is a matter of mounting and of maps, and the reference point 
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -22,7 +23,7 @@ from ident.dynamics.effects.probes import PROBES
 from ident.dynamics.effects.tyre_relaxation import LENGTH, shortest_length
 from ident.dynamics.engine import Engine, compiled
 from ident.dynamics.tyres import tyre_of
-from ident.estimation.adaptive_smoothing import with_adaptively_smoothed
+from ident.estimation.adaptive_smoothing import adaptively_smoothed
 from ident.estimation.coordinates import Coordinate, RunTerm
 from ident.estimation.input_noise import InputNoise, input_noise, with_smooth_inputs
 from ident.estimation.layer import SIZE, DoesNotFit, EffectCard, HeldOut, LayerFit
@@ -109,7 +110,9 @@ class MotionLayer:
     @cached_property
     def calm_windows(self) -> Windows:
         """The same for a model with corners before it: their angle is smoothed for as long as it rests."""
-        return with_adaptively_smoothed(self.windows, self.own_noise)
+        made = copy.copy(self.windows)
+        made.inputs = adaptively_smoothed(made, made.inputs, self.own_noise)
+        return made
 
     @cached_property
     def input_noise(self) -> list[InputNoise]:

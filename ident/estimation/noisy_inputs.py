@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ident.estimation.adaptive_smoothing import with_adaptively_smoothed
+from ident.estimation.adaptive_smoothing import adaptively_smoothed
 from ident.estimation.motion_scores import Projection
 from ident.estimation.own_noise import OwnNoise
 from ident.estimation.vehicle_covariance import InputScores
@@ -78,12 +78,9 @@ def _changes(point: VehiclePoint, noises: Sequence[OwnNoise]) -> dict[str, Array
     drawn = np.zeros((*windows.inputs.shape, half))
     for one in noises:
         drawn[:, COLUMNS.index(one.name)] = one.drawn(windows, half, SEED)
-    before, after = modelled(point, windows.inputs), []
-    for noise in np.moveaxis(np.concatenate([drawn, -drawn], axis=2), 2, 0):
-        noisy = copy.copy(windows)
-        noisy.inputs = windows.inputs + noise
-        noisy = with_adaptively_smoothed(noisy, noises) if windows.adaptive else noisy
-        after.append(modelled(point, noisy.inputs))
+    noisy = windows.inputs + np.moveaxis(np.concatenate([drawn, -drawn], axis=2), 2, 0)
+    before = modelled(point, windows.inputs)
+    after = [modelled(point, adaptively_smoothed(windows, inputs, noises)) for inputs in noisy]
     return {name: np.column_stack([one[name] - of for one in after]) for name, of in before.items()}
 
 

@@ -6,14 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from ident.estimation.adaptive_smoothing import AdaptiveSpans
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -156,15 +152,11 @@ class Windows:
     """The windows of all runs, one after another on one grid.
 
     inputs : (N, 2) as ``COLUMNS`` names them
-    adaptive : input -> the spans over which it is smoothed beyond what is done to all inputs
     """
-
-    adaptive: dict[str, AdaptiveSpans]
 
     def __init__(self, records: Sequence[MotionRecord]) -> None:
         """Take the records: at least one, those of a run one after another."""
         self.records = list(records)
-        self.adaptive = {}
         self.run = np.array([record.run for record in records], dtype=np.intp)
         self.runs = int(self.run.max()) + 1
         self.offsets = np.cumsum([0, *(record.times.size for record in records)]).astype(np.intp)

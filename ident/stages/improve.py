@@ -8,10 +8,12 @@ no part in the fit.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ident.errors import NotIdentifiable
 from ident.estimation.before_after import same_size
@@ -50,10 +52,12 @@ from ident.stages.improve_told import (
 from ident.stages.inputs import InputSettings, load, provenance
 from ident.stages.output import Context, StageOutput
 
+Array = NDArray[np.float64]
+
 NO_ERROR = ErrorComparison({}, {}, {}, "none")
 TOLD_BY_SENSORS = ("wheel_speed_scale", "sensor_bias yaw_rate", "sensor_latency yaw_rate")
 NOT_INTEGRATED = ("yaw_rate", "lateral_acceleration")  # errors of others add up along a run
-FARTHER = 1.5  # error of a run over that of the others, from which it is told
+FARTHER, FEWEST_OTHERS = 1.5, 2  # error of a run over that of the others, from which it is told
 DIFFERENT = 1e-3  # p-value below which an effect is not of one size in all runs
 MILLI = ("rad", "rad/s")
 
@@ -193,10 +197,7 @@ def _result(
         not_testable=not_testable(found, gate, missing),
         runs=[run.health for run in loaded.runs],
         refused=[*data.refused, *loaded.unreadable],
-        warnings=[
-            *(*loaded.warnings, *data.warnings),
-            *(*_unlike(effects), *_left_in(parts), *(farther_off(parts) if found.passes else [])),
-        ],
+        warnings=[*loaded.warnings, *data.warnings, *_doubts(found, effects, parts)],
         regressor=regressor,
     )
 
@@ -235,20 +236,30 @@ def _unlike(effects: Sequence[FoundEffect]) -> list[str]:
     ]
 
 
+def _doubts(found: Improvement, effects: Sequence[FoundEffect], parts: Sequence[Compared]) -> list[str]:
+    """What speaks against the answer though it is given."""
+    unseen = farther_off(parts) if found.passes else []
+    return [*_unlike(effects), *_left_in(parts), *unseen]
+
+
 def farther_off(parts: Sequence[Compared]) -> list[str]:
-    """Runs that are predicted clearly worse than the others, where too few moments show it for the gate."""
+    """Runs that are predicted clearly worse than the others."""
     told = []
-    for part in parts:
-        for signal, rows in ((one, part.rows[one]) for one in NOT_INTEGRATED if one in part.rows):
-            square, of = (rows[:, 2] - rows[:, 4]) ** 2, rows[:, 0].astype(int)
-            runs = np.unique(of)
-            size = np.array([float(np.sqrt(np.mean(square[of == run]))) for run in runs])
-            worst = int(np.argmax(size)) if len(runs) > 2 else 0
-            times = size[worst] / float(np.median(np.delete(size, worst))) if len(runs) > 2 else 1.0
-            if times > FARTHER:
-                where = f"{signal} in {part.runs[runs[worst]]}: {times:.1f} times the error of the other runs"
-                told.append(f"{where}; too few moments show it for a test, so drive such a run again")
+    for part, signal in product(parts, NOT_INTEGRATED):
+        size = _error_by_run(part.rows[signal]) if signal in part.rows else {}
+        worst = max(size, key=lambda run: size[run], default=-1)
+        others = [value for run, value in size.items() if run != worst]
+        if len(others) >= FEWEST_OTHERS and size[worst] > FARTHER * float(np.median(others)):
+            times = size[worst] / float(np.median(others))
+            where = f"{signal} in {part.runs[worst]}: {times:.1f} times the error of the other runs"
+            told.append(f"{where}, of which the gate sees nothing; drive such a run again")
     return told
+
+
+def _error_by_run(rows: Array) -> dict[int, float]:
+    """Run -> root mean square of measured minus improved model, of rows as ``Compared`` has them."""
+    run, error = rows[:, 0].astype(int), rows[:, 2] - rows[:, 4]
+    return {int(one): float(np.sqrt(np.mean(error[run == one] ** 2))) for one in np.unique(run)}
 
 
 def _told(

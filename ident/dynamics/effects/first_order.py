@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 
 from ident.dynamics.blocks import lagged, oscillating, play
 from ident.dynamics.constants import GRAVITY
-from ident.dynamics.effects.effect import Effect
+from ident.dynamics.effects.effect import AXLES, Effect
 from ident.dynamics.effects.load_transfer import SLIGHT
 from ident.dynamics.effects.probes import PORTS
 from ident.dynamics.effects.road_bank import ROAD_BANK
 from ident.dynamics.effects.sensor_bias import sensor_bias
 from ident.dynamics.effects.steering_offset import STEERING_OFFSET
 from ident.dynamics.effects.steering_ratio_nonlinearity import STEERING_RATIO_NONLINEARITY
-from ident.dynamics.effects.tyre_relaxation import AXLES, LENGTH, rolling_rate
+from ident.dynamics.effects.tyre_relaxation import LENGTH, rolling_rate
 from ident.dynamics.effects.wheel_speed_scale import WHEEL_SPEED_SCALE
 from ident.dynamics.engine import Engine
 from ident.dynamics.printing import ArrayPrinter

@@ -36,7 +36,7 @@ import sympy
 from sympy import Expr
 
 from ident.dynamics.constants import GRAVITY
-from ident.dynamics.effects.effect import Change, Effect, Known, on_curve
+from ident.dynamics.effects.effect import AXLES, Change, Effect, Known, on_curve
 from ident.dynamics.parameter import Parameter
 from ident.dynamics.symbols import choose, clip, symbol
 
@@ -54,7 +54,6 @@ FRONT_SHARE = Parameter(
 HEIGHT = Parameter(
     "load_transfer.height_over_track", "1", 0.1, 1.5, 0.55, "height of the centre of gravity over the track"
 )
-AXLES = ("front", "rear")
 STRAIGHT, BENT = "load_shifting_acceleration", "settled_acceleration"
 LEAST_SQUARE = 0.05  # keeps the root real where the forces of the two axles oppose each other
 
@@ -68,21 +67,21 @@ def shift_per_acceleration(known: Known, axle: str, front_share: Expr) -> Expr:
 
 def _straight(before: Expr, known: Known) -> Expr:
     """Lateral acceleration [m/s²] after the shift from that before it, as if the curves were straight."""
-    if _rolls(known):
+    if _relaxes(known):
         return _across(known, known["front_relaxed_force"], known["rear_relaxed_force"]) / known["mass"]
     return 2 * before / (1 + _root(before, known))
 
 
 def _bent(straight: Expr, known: Known) -> Expr:
     """The same for the curves as they are, from that for straight ones."""
-    if _rolls(known):
+    if _relaxes(known):
         return straight
     felt = _across(known, known["front_shifted_force"], known["rear_shifted_force"]) / known["mass"]
     before = _across(known, known["front_curve_force"], known["rear_curve_force"]) / known["mass"]
     return straight + (felt - straight) / _root(before, known)
 
 
-def _rolls(known: Known) -> bool:
+def _relaxes(known: Known) -> bool:
     return "front_relaxed_force" in known
 
 
@@ -104,7 +103,7 @@ def _shift(known: Known, axle: str, acceleration: Expr) -> Expr:
 
 def _both_wheels(axle: str, slip: str, acceleration: str) -> Change:
     def changed(force: Expr, known: Known) -> Expr:
-        if acceleration == STRAIGHT and _rolls(known):
+        if acceleration == STRAIGHT and _relaxes(known):
             return force
         shift, size = _shift(known, axle, known[acceleration]), symbol(SENSITIVITY.name)
         first, second = (

@@ -16,7 +16,7 @@ import sympy
 from numpy.typing import ArrayLike, NDArray
 from sympy import Expr
 
-from ident.dynamics.effects.effect import Change, Effect, Known
+from ident.dynamics.effects.effect import AXLES, Change, Effect, Known
 from ident.dynamics.parameter import Parameter
 from ident.dynamics.symbols import guarded, symbol
 
@@ -25,7 +25,6 @@ LARGEST_DECAY = 1.0  # |v| h/σ above which a Runge-Kutta step of h is more than
 LENGTH = Parameter(
     "tyre_relaxation.length", "m", 0.02, 5.0, 0.5, "way that a tyre rolls until 63 % of its force"
 )
-AXLES = ("front", "rear")
 
 
 def shortest_length(speed: ArrayLike, step: float) -> float:
