@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 ITERATIONS = 10
 SETTLING = 4  # steps of initial states alone
+PLACES, ADAPTING = (-1.0, 0.0, 1.0), 2  # of a play where a stretch might begin, and steps to try each
 
 
 def begun_states(problem: VehicleProblem, effects: Sequence[MotionEffect], before: VehiclePoint) -> Array:
@@ -65,6 +66,30 @@ def minimised(point: VehiclePoint) -> VehiclePoint:
     return minimise(point, ITERATIONS, negligible=NEGLIGIBLE)[0]
 
 
+def anew(point: VehiclePoint) -> VehiclePoint:
+    """The minimum from a minimum, each stretch begun in its play where that serves its run best.
+
+    Where a play begins changes nothing any more once it lies beyond where the wheel first turns: there an
+    iteration finds no slope.
+    """
+    best = point
+    for begin in point.problem.begins.tolist():
+        for place in PLACES:
+            of_runs = best.of_runs.copy()
+            of_runs[:, begin] = place
+            best = best.with_better_runs(_locally_adapted(replace(best, of_runs=of_runs)))
+    return point if np.array_equal(best.of_runs, point.of_runs) else minimised(best)
+
+
+def _locally_adapted(point: VehiclePoint) -> VehiclePoint:
+    """Initial states that go with all else as it is."""
+    for _ in range(ADAPTING):
+        rest = np.zeros(len(point.problem.run_terms) + point.shared.size)
+        steps = np.array([window.step(rest) for window in point.windows])
+        point = replace(point, local=point.local + steps)
+    return point
+
+
 def settled(point: VehiclePoint) -> VehiclePoint:
     """Initial states adapted, and where in a play each stretch begins; all else as it is."""
     known = point.noise
@@ -74,7 +99,7 @@ def settled(point: VehiclePoint) -> VehiclePoint:
         of_runs = _begin_steps(point)
         rests = [np.concatenate([of_runs[run], nothing]) for run in point.problem.windows.run]
         steps = np.array([window.step(rest) for window, rest in zip(point.windows, rests, strict=True)])
-        tried = replace(point, local=point.local + steps, of_runs=point.of_runs + of_runs)
+        tried = replace(point, local=point.local + steps, of_runs=point.with_term_steps(of_runs))
         if not tried.value < point.value * (1 - 1e-9):
             break
         point = tried

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 MOST_BEGUN = 4  # stretches of a run, the longest ones, for which it is estimated where a play begins
 BEGIN_STD = 1.0  # of that; its hyperbolic tangent is then anywhere in the play about equally
+NEAREST_END = 0.999  # of half the play, to which a step leads at most
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,17 @@ class LinkagePlay:
         derivatives[rests, 0] = share
         derivatives[rests, 1:] = given[0]
         return Through(out, derivatives[:, 1:], derivatives[:, 0], rests * value * (0.5 - 2 * share**2))
+
+
+def moved_begins(begins: Array, steps: Array) -> Array:
+    """Where a play begins after steps that were found to first order; all of one shape.
+
+    The model follows the place in the play, their hyperbolic tangent: the steps are taken in that. Near an
+    end it hardly changes, and a step in its argument would lead far past the other end.
+    """
+    place = np.tanh(begins)
+    made = place + (1.0 - place**2) * steps
+    return np.asarray(np.arctanh(np.clip(made, -NEAREST_END, NEAREST_END)))
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,18 @@ from numpy.typing import NDArray
 
 from ident.estimation.elimination import Eliminated, eliminate, stacked, triangle_of, with_priors
 from ident.estimation.noise import AutoRegression, Linearised, NoiseModel
+from ident.estimation.vehicle_inputs import moved_begins
 from ident.estimation.vehicle_problem import Residuals, VehicleProblem
 
 Array = NDArray[np.float64]
 
 SIMULATED = ("outputs", "residuals", "errors")
-LOCAL_PARTS = (0.25, 0.05, 0.0)  # of a step of initial states, where the whole is too much
+PARTS = (
+    1.0,
+    0.25,
+    0.05,
+    0.0,
+)  # of a step of what a run or a window has for itself, where the whole is too much
 
 
 @dataclass(frozen=True)
@@ -137,16 +143,47 @@ class VehiclePoint:
     def moved(self, step: Array) -> VehiclePoint:
         """See :class:`~ident.estimation.gauss_newton.Point`.
 
-        Near the peak of a tyre a whole step of an initial state leads far past its best value. Where the
-        whole makes things worse, each window takes that part of its own step that serves it best.
+        Near the peak of a tyre a whole step of an initial state leads far past its best value, and so does
+        one of where a play begins near an end of it. Where the whole makes things worse, each run takes that
+        part of the step of its terms, and each window that of its initial state, that serves it best.
         """
         whole = self.wholly_moved(step)
         if whole.value <= self.value:
             return whole
-        asked = whole.local - self.local
-        tried = [whole, *(replace(whole, local=self.local + part * asked) for part in LOCAL_PARTS)]
+        asked, best = self._term_steps(step), whole
+        for part in PARTS:
+            tried = self._with_terms(whole, part * asked, step)
+            best = tried if part == PARTS[0] else best.with_better_runs(tried)
+            if np.all(best.run_sums <= self.run_sums):
+                break
+        return best
+
+    def _with_terms(self, whole: VehiclePoint, terms: Array, step: Array) -> VehiclePoint:
+        """The point of a whole step, but with these steps of the runs' terms (runs, b).
+
+        The initial states follow, each by that part of its own step that serves its window best.
+        """
+        asked = self._local_steps(terms, step)
+        moved = replace(whole, of_runs=self.with_term_steps(terms))
+        tried = [replace(moved, local=self.local + part * asked) for part in PARTS]
         best = np.argmin([point.window_sums for point in tried], axis=0)
-        return replace(whole, local=np.array([tried[k].local[n] for n, k in enumerate(best)]))
+        return replace(moved, local=np.array([tried[k].local[n] for n, k in enumerate(best)]))
+
+    def with_better_runs(self, other: VehiclePoint) -> VehiclePoint:
+        """The same with the terms and initial states of those runs that another point serves better."""
+        better = other.run_sums < self.run_sums
+        return replace(
+            self,
+            of_runs=np.where(better[:, None], other.of_runs, self.of_runs),
+            local=np.where(better[self.problem.windows.run][:, None], other.local, self.local),
+        )
+
+    @cached_property
+    def run_sums(self) -> Array:
+        """(runs,) whitened sum of squares of each run, and of the prior of its terms."""
+        of_windows = np.zeros(self.problem.windows.runs)
+        np.add.at(of_windows, self.problem.windows.run, self.window_sums)
+        return np.asarray(of_windows + np.square(self.of_runs / self.problem.std_by_run).sum(axis=1))
 
     @cached_property
     def window_sums(self) -> Array:
@@ -162,17 +199,28 @@ class VehiclePoint:
 
         The tyres' part is taken in the forces, which is what the rest follows.
         """
-        of_runs = np.array([run.step(step) for run in self.by_run]).reshape(self.of_runs.shape)
-        of_windows = [
-            window.step(np.concatenate([of_runs[run], step]))
-            for window, run in zip(self.windows, self.problem.windows.run, strict=True)
-        ]
+        terms = self._term_steps(step)
         return replace(
             self,
             shared=self.shared + self.problem.carried(self.shared, step, self.outputs),
-            of_runs=self.of_runs + of_runs,
-            local=self.local + np.array(of_windows),
+            of_runs=self.with_term_steps(terms),
+            local=self.local + self._local_steps(terms, step),
         )
+
+    def _term_steps(self, step: Array) -> Array:
+        """(runs, b) steps of the terms of the runs that go with one of the shared parameters."""
+        return np.array([run.step(step) for run in self.by_run]).reshape(self.of_runs.shape)
+
+    def with_term_steps(self, steps: Array) -> Array:
+        """(runs, b) terms of the runs after steps that were found to first order."""
+        made, begins = self.of_runs + steps, self.problem.begins
+        made[:, begins] = moved_begins(self.of_runs[:, begins], steps[:, begins])
+        return made
+
+    def _local_steps(self, terms: Array, step: Array) -> Array:
+        """(w, local) steps of what belongs to single windows, those of the runs' terms (runs, b) given."""
+        each = zip(self.windows, self.problem.windows.run, strict=True)
+        return np.array([window.step(np.concatenate([terms[run], step])) for window, run in each])
 
     def inside(self, shared: Array) -> Array:
         """See :class:`~ident.estimation.gauss_newton.Point`."""
