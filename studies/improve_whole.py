@@ -7,7 +7,8 @@ as MCAP; the command reads them with a channel map of its own guessing. Cells: a
 one effect of the catalogue at its usual size. Told of each:
 
 * the verdict, and the size with its interval beside the true one;
-* the error of held-out runs before and after, over that of the sensors by themselves;
+* the error of held-out runs before and after, over what the generating model leaves of the same samples:
+  measured minus what the sensors would have read without noise;
 * the verdict from the same logs on a common time base of 50 Hz instead of 100 Hz.
 """
 
@@ -20,6 +21,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -27,26 +29,44 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent / "sample_logs")]
 
 import numpy as np  # noqa: E402
-from generator.motion_sets import SOURCES, sensors_of  # noqa: E402
-from generator.truth import Truth  # noqa: E402
-from generator.undeclared import FOLDER, SETS, generate_undeclared, hidden_runs, hidden_truck  # noqa: E402
+import pandas as pd  # noqa: E402
+from generator.injected_sensors import Reading  # noqa: E402
+from generator.undeclared import (  # noqa: E402
+    SETS,
+    driven_run,
+    generate_undeclared,
+    hidden_runs,
+    hidden_truck,
+)
 from improve_kept import Row, grow, kept_rows  # noqa: E402
 from improve_null import limits  # noqa: E402
 from improve_power import SIGNALS  # noqa: E402
 from improve_runs import TYPICAL, Injected, true_parameters, typical  # noqa: E402
+from numpy.typing import NDArray  # noqa: E402
 from ruamel.yaml import YAML  # noqa: E402
 
 from ident.results import ImproveResult  # noqa: E402
+from ident.signals.run import load_runs  # noqa: E402
 from ident.stages.improve import improve  # noqa: E402
 from ident.stages.improve_settings import ImproveSettings  # noqa: E402
 from ident.stages.inputs import InputSettings  # noqa: E402
-from ident.stages.output import Context  # noqa: E402
+from ident.stages.output import Context, StageOutput  # noqa: E402
+
+Array = NDArray[np.float64]
 
 KEPT = HERE / "results" / "improve_whole.jsonl"
 SOUND = "sound"
 DRIVEN = ("there_and_back", "sweep_fast", "steps", "slow_circles")
 RATES = ("100 Hz", "50 Hz")
 WORSE = 1.01  # after over before, of a signal: beyond, it is worse
+
+
+@dataclass(frozen=True)
+class TrueRun:
+    """A run as it was: its start [ns since 1970], and what each sensor would have read without noise."""
+
+    start: int
+    readings: Mapping[str, Reading]
 
 
 def cells(seeds: int, only: Sequence[str] | None = None) -> Iterator[list[str | int]]:
@@ -62,11 +82,14 @@ def one_set(cell: Sequence[str | int]) -> Iterable[Row]:
     name, seed = str(cell[0]), int(cell[1])
     injected = [] if name == SOUND else [_injected(name, seed)]
     with tempfile.TemporaryDirectory() as folder:
-        logs, truth = written(Path(folder), injected, seed)
+        logs, readings = written(Path(folder), injected, seed)
         began = time.perf_counter()
-        results = [_improved(logs, rate) for rate in RATES]
+        outputs = [_improved(logs, rate) for rate in RATES]
         seconds = (time.perf_counter() - began) / len(RATES)
-    told = [described(one, floors(truth)) for one in results]
+        starts = {one.name: one.start_ns for one in load_runs([logs]).runs}
+    told = [
+        described(one.result, floors(one.tables["improve_held_out"], readings, starts)) for one in outputs
+    ]
     return [
         {"truth": true_parameters(injected), "seconds": round(seconds, 1), **told[0], "at_50_hz": told[1]}
     ]
@@ -76,18 +99,21 @@ def _injected(name: str, seed: int) -> Injected:
     return typical(name, 1.0, SIGNALS[name][seed % len(SIGNALS[name])] if name in SIGNALS else None)
 
 
-def written(folder: Path, injected: Sequence[Injected], seed: int) -> tuple[Path, Truth]:
-    """Write the logs of a truck with these effects; return their folder and the truck."""
+def written(folder: Path, injected: Sequence[Injected], seed: int) -> tuple[Path, dict[str, TrueRun]]:
+    """Write the logs of a truck with these effects; return their folder, and what each run's sensors read."""
     one, answers = SETS[0], folder / "answers.yaml"
     listed = [
         {"name": i.name, "parameters": dict(i.values), **({"of": i.of} if i.of else {})} for i in injected
     ]
     YAML(typ="safe", pure=True).dump({one: listed}, answers)
     (logs,) = generate_undeclared(folder, seed, [one], answers)
+    truth, made = hidden_truck(one, seed, answers), {}
     for run in hidden_runs(one, seed):
-        if run.plan not in DRIVEN:
+        if run.plan in DRIVEN:
+            made[run.name] = TrueRun(run.start, driven_run(run, *truth, seed, one).readings)
+        else:
             shutil.rmtree(logs / run.name)
-    return folder / FOLDER / one, hidden_truck(one, seed, answers)[0]
+    return logs, made
 
 
 def inputs_at(rate: str) -> InputSettings:
@@ -95,22 +121,35 @@ def inputs_at(rate: str) -> InputSettings:
     return InputSettings.model_validate({"align": {"rate": rate}})
 
 
-def _improved(logs: Path, rate: str) -> ImproveResult:
+def _improved(logs: Path, rate: str) -> StageOutput[ImproveResult]:
     context = Context(command="study", date="2026-01-01T00:00:00Z")
-    return improve([logs], inputs_at(rate), ImproveSettings(), context).result
+    return improve([logs], inputs_at(rate), ImproveSettings(), context)
 
 
-def floors(truth: Truth) -> dict[str, float]:
-    """Root mean square error of each signal's sensor: what a model with the true parameters leaves."""
-    made = {}
-    for signal, (device, channel) in SOURCES.items():
-        one = sensors_of(truth)[device].channels[channel]
-        made[signal] = float(np.sqrt(one.white_std**2 + one.noise_std**2 + one.resolution**2 / 12))
-    return made
+def floors(
+    held_out: pd.DataFrame, truth: Mapping[str, TrueRun], starts: Mapping[str, int]
+) -> dict[str, float]:
+    """Root mean square of measured minus true in the held-out samples of each signal.
+
+    held_out : a row a sample, its time from the start of its run; starts : of the runs [ns since 1970]
+    """
+    errors: dict[str, list[Array]] = {}
+    for (run, signal), rows in held_out.groupby(["run", "signal"], observed=True):
+        true = truth[run.rpartition("/")[2]]
+        if signal in true.readings:
+            time_of_it = rows["time"].to_numpy() + 1e-9 * (starts[run] - true.start)
+            error = rows["measured"].to_numpy() - true.readings[signal](time_of_it)
+            errors.setdefault(signal, []).append(wrapped(error) if signal == "heading" else error)
+    return {signal: float(np.sqrt(np.mean(np.concatenate(e) ** 2))) for signal, e in errors.items()}
+
+
+def wrapped(angle: Array) -> Array:
+    """Return an angle [rad] within half a turn of zero."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 def described(result: ImproveResult, floor: Mapping[str, float]) -> Row:
-    """What the command says, with its held-out errors over those of the sensors."""
+    """What the command says, with its held-out errors over those of the true model."""
     before, after = result.error.before, result.error.after
     return {
         "verdict": result.verdict,
@@ -148,7 +187,7 @@ def summary(rows: Sequence[Row]) -> str:
     most = [max(row["over_floor"], key=row["over_floor"].get) for row in rows]
     largest = max(range(len(rows)), key=lambda n: rows[n]["over_floor"][most[n]])
     lines.append(
-        f"held-out error over that of the sensors: median {np.median(over):.3f}; largest of one signal "
+        f"held-out error over that of the true model: median {np.median(over):.3f}; largest of one signal "
         f"{rows[largest]['over_floor'][most[largest]]:.2f} ({most[largest]}, {rows[largest]['cell']})"
     )
     return "\n".join(lines)

@@ -3,7 +3,9 @@
 A recorder that writes faster than its sensor measures repeats the last value; such a row is no information,
 and its stamp is wrong. A quantised signal repeats itself, too, and that is information. The two are told
 apart by how often: a signal whose steps have a median of s quanta repeats by chance about 0.27/s of the time
-(0.27 = 0.6745/sqrt(2 pi): differences spread like a normal distribution); clearly more is held.
+(0.27 = 0.6745/sqrt(2 pi): differences spread like a normal distribution); clearly more is held. The median is
+that of steps nearby, on the calmer side: a wheel that is turned and held has large steps and small ones.
+Where it is a single quantum, how often the signal repeats by chance cannot be told, and nothing is judged.
 """
 
 from __future__ import annotations
@@ -22,6 +24,8 @@ Mask = NDArray[np.bool_]
 BY_CHANCE = 0.27
 CLEARLY_MORE, NEGLIGIBLE = 3.0, 0.02
 FEWEST_CHANGES = 30
+NEARBY = 7  # changes on either side whose median counts
+LEAST_STEP = 1.5  # quanta: where the median is smaller, repeats tell nothing
 LONGEST_HOLD = 0.15  # [s] of an input: what is constant for longer stands still
 
 
@@ -40,9 +44,10 @@ def without_held(
     -------
     the signal, and what was left out in one line, None where nothing was
     """
-    drop = held(signal.values, moving)
+    where = np.ones(len(signal.values), dtype=np.bool_) if moving is None else moving
     if rest_counts:
-        drop &= ~_rests(signal.time, signal.values)
+        where = where & ~_rests(signal.time, signal.values)
+    drop = held(signal.values, where)
     count = int(np.count_nonzero(drop))
     if not count:
         return signal, None
@@ -51,18 +56,27 @@ def without_held(
     return kept, f"{signal.name}: {count} samples of {len(drop)} repeat the one before and were left out"
 
 
-def held(values: Array, moving: Mask | None = None) -> Mask:
-    """Which samples (n,) repeat the one before because nothing new was measured."""
-    where = np.ones(len(values), dtype=np.bool_) if moving is None else moving
-    same = np.concatenate([[False], np.diff(values) == 0]) & where
-    changes = np.abs(np.diff(values))[where[1:]]
-    changes = changes[changes > 0]
+def held(values: Array, where: Mask) -> Mask:
+    """Which samples (n,) repeat the one before because nothing new was measured; only ``where`` it counts."""
+    steps = np.concatenate([[0.0], np.abs(np.diff(values))])
+    same, nothing = (steps == 0) & where, np.zeros(len(values), dtype=np.bool_)
+    same[:1] = False
+    changes = np.flatnonzero((steps > 0) & where)
     if len(changes) < FEWEST_CHANGES:
-        return np.zeros(len(values), dtype=np.bool_)
-    quantum = resolution(values) or 0.0
-    expected = min(BY_CHANCE * quantum / float(np.median(changes)), 1.0)
-    share = np.count_nonzero(same) / np.count_nonzero(where)
-    return same if share > CLEARLY_MORE * expected + NEGLIGIBLE else np.zeros(len(values), dtype=np.bool_)
+        return nothing
+    typical = _nearby_median(steps, changes) / (resolution(values) or float(steps[changes].min()))
+    told = where & (typical > LEAST_STEP)
+    expected = float(np.sum(BY_CHANCE / typical[told]))
+    most = CLEARLY_MORE * expected + NEGLIGIBLE * np.count_nonzero(told)
+    return same if np.count_nonzero(same & told) > most else nothing
+
+
+def _nearby_median(steps: Array, changes: NDArray[np.intp]) -> Array:
+    """(n,) median of the steps at the changes before or after each sample, of which the smaller counts."""
+    padded = np.pad(steps[changes], NEARBY, mode="edge")
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(padded, NEARBY), axis=1)
+    done = np.searchsorted(changes, np.arange(len(steps)), side="right")
+    return np.minimum(medians[done], medians[done + NEARBY])
 
 
 def _rests(time: Array, values: Array) -> Mask:

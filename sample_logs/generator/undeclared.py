@@ -15,10 +15,10 @@ from zlib import crc32
 import numpy as np
 from ruamel.yaml import YAML
 
-from .effects import drive_run, truth_of
+from .effects import Driven, drive_run, truth_of
 from .injected import Injected
 from .injected_sensors import Reading, channel_with
-from .manoeuvres import CAMPAIGN, part_of
+from .manoeuvres import CAMPAIGN, Manoeuvre, part_of
 from .messages import Topic, write_run
 from .motion import IMU, ODOMETRY, velocity_topic
 from .motion_sets import SOURCES
@@ -118,13 +118,22 @@ def hidden_runs(name: str, seed: int) -> list[HiddenRun]:
     ]
 
 
+def plan_of(run: HiddenRun) -> Manoeuvre:
+    """Return the part of a manoeuvre that a run is."""
+    return part_of(CAMPAIGN[run.plan], *PARTS[run.plan])
+
+
+def driven_run(run: HiddenRun, truth: Truth, injected: Sequence[Injected], seed: int, name: str) -> Driven:
+    """Drive one run."""
+    return drive_run(plan_of(run), run.name, run.number, truth, injected, _seed(name, seed))
+
+
 def topics_of(
     run: HiddenRun, truth: Truth, injected: Sequence[Injected], seed: int, name: str
 ) -> list[Topic]:
     """Drive and record one run."""
-    plan, own = part_of(CAMPAIGN[run.plan], *PARTS[run.plan]), _seed(name, seed)
-    driven = drive_run(plan, run.name, run.number, truth, injected, own)
-    recorder = Recorder(truth.recording, own, run.name, plan.duration)
+    driven = driven_run(run, truth, injected, seed, name)
+    recorder = Recorder(truth.recording, _seed(name, seed), run.name, plan_of(run).duration)
     stamps = np.round(driven.sent_time * NANOSECONDS).astype(np.int64)
     return [
         recorder.logged(REQUEST, "request", stamps, driven.sent),

@@ -2,9 +2,11 @@
 
 import json
 
+import numpy as np
+import pandas as pd
 import pytest
 from improve_runs import TYPICAL
-from improve_whole import RATES, SOUND, cells, inputs_at, summary
+from improve_whole import RATES, SOUND, TrueRun, cells, floors, inputs_at, summary
 
 
 def row(name, **other):
@@ -50,3 +52,25 @@ def test_false_alarms_wrong_verdicts_and_worse_errors_are_counted():
     assert "n = 3: named 3; truth in a class 3; interval holds 2 of 3" in told
     assert "same verdict at 50 Hz: 4 of 5" in told
     assert "accepted: 3; a signal of held-out runs worse than before: 1" in told
+
+
+def test_the_floor_is_what_is_measured_minus_what_a_sensor_read_at_that_time():
+    times = np.arange(5.0)
+    truth = {
+        "run_01": TrueRun(7_000_000_000, {"yaw_rate": lambda time: 2.0 * time, "heading": np.zeros_like}),
+        "run_02": TrueRun(0, {"yaw_rate": np.zeros_like}),
+    }
+    late = 2.0  # of the first message after the start of the first run [s]
+    turned = 2.0 * (times + late) + 0.3
+    held_out = pd.concat(
+        [
+            pd.DataFrame({"run": "set/run_01", "time": times, "signal": "yaw_rate", "measured": turned}),
+            pd.DataFrame({"run": "run_02", "time": times, "signal": "yaw_rate", "measured": 0.4}),
+            pd.DataFrame(
+                {"run": "set/run_01", "time": times, "signal": "heading", "measured": 2 * np.pi - 0.1}
+            ),
+            pd.DataFrame({"run": "run_02", "time": times, "signal": "position_across", "measured": 9.0}),
+        ]
+    )
+    found = floors(held_out, truth, {"set/run_01": 9_000_000_000, "run_02": 0})
+    assert found == pytest.approx({"yaw_rate": np.sqrt((0.3**2 + 0.4**2) / 2), "heading": 0.1})
