@@ -180,9 +180,11 @@ def _round(
     rival = _rival(own, next(one.scores for one in looked.layers if one.scores.layer == layer), looked.level)
     candidates = [one for one in own if one.effect is not None and (effects is None or one.effect in effects)]
     candidates.sort(key=lambda one: -one.statistic)
+    alone = all(one.p_value > looked.level for one in candidates)
     tried: list[Tried] = []
     for one in candidates:
-        why_not = None if fit.is_far else _not_worth(one, found.layers[layer], looked.level)
+        p_value = one.p_marginal if alone else one.p_value
+        why_not = None if fit.is_far else _not_worth(one, p_value, found.layers[layer], looked.level)
         if why_not is None and sum(t.why_not is None for t in tried) >= survivors:
             why_not = f"its score is below those of the {survivors} that were fitted"
         tried.append(Tried(one.key, one, why_not=why_not))
@@ -198,9 +200,13 @@ def _where(looked: Screen) -> str:
     return max(sure, key=lambda one: one.statistic / max(one.freedom, 1), default=first).layer
 
 
-def _not_worth(one: Screened, layer: Layer, level: float) -> str | None:
-    """Why a candidate is not fitted in full, None where it is."""
-    if one.p_value > level:
+def _not_worth(one: Screened, p_value: float, layer: Layer, level: float) -> str | None:
+    """Why a candidate is not fitted in full, None where it is.
+
+    p_value : by which it must stand out: that of all that was looked at together; its own where no candidate
+        does so by that. Something is left for certain then, and its own likelihood decides.
+    """
+    if p_value > level:
         return f"its score does not stand out (p = {one.p_value:.2g}, all that was looked at together)"
     if layer.effect(one.key).positive and one.freedom == 1 and one.size[0] < 0:
         return "its size would have to be negative"

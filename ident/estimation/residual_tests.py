@@ -43,6 +43,7 @@ LEVEL = 0.05
 DRAWS = 2000
 TAIL = 0.02  # of the drawn p-values: how many tests a group of dependent ones is worth is read there
 STRETCH = 10.0  # [s] within which residuals are compared with what is going on
+TOGETHER = 2.0  # [s] within which the sizes of whitened residuals may depend on each other, as under gusts
 LEAST_BINS = 20
 LEAST_FREEDOM = 2.0
 SMALLEST = 1e-300
@@ -311,7 +312,7 @@ class _Excess:
 
 def _excess(scores: LayerScores, draws: int, random: np.random.Generator) -> _Excess:
     """Slope of the size of residuals over what is going on, both freed of their mean within each stretch."""
-    stretch = block_index(scores.run, scores.time, STRETCH)
+    stretch, moment = (block_index(scores.run, scores.time, length) for length in (STRETCH, TOGETHER))
     activity = np.sqrt(np.maximum(scores.activity, 0.0))
     screened, drawn = [], [np.zeros((0, draws))]
     for number, signal in enumerate(scores.signals):
@@ -324,7 +325,8 @@ def _excess(scores: LayerScores, draws: int, random: np.random.Generator) -> _Ex
         doing = _within(activity[counted], weight, block)
         alive = np.flatnonzero((weight[:, None] * doing**2).sum(axis=0) > 0)
         doing = doing[:, alive] / np.sqrt((weight[:, None] * doing[:, alive] ** 2).sum(axis=0))
-        found = _slopes(weight[:, None] * doing, doing, _within(size[:, None], weight, block), block)
+        size = _within(size[:, None], weight, block)
+        found = _slopes(weight[:, None] * doing, doing, size, moment[counted])
         names = [scores.activities[k] for k in alive]
         screened += [_larger(scores.layer, signal, n, *each) for n, each in zip(names, found, strict=True)]
         drawn.append(_drawn_slopes((weight[:, None] * doing).T @ doing, draws, random))
@@ -338,9 +340,14 @@ def _within(values: Array, weight: Array, block: NDArray[np.intp]) -> Array:
     return np.asarray(values - mean[block])
 
 
-def _slopes(weighted: Array, doing: Array, size: Array, block: NDArray[np.intp]) -> list[tuple[float, float]]:
-    """Studentised slope of ``size`` (b, 1) over each column, and its degrees of freedom."""
-    held = np.unique(block, return_inverse=True)[1]
+def _slopes(
+    weighted: Array, doing: Array, size: Array, moment: NDArray[np.intp]
+) -> list[tuple[float, float]]:
+    """Studentised slope of ``size`` (b, 1) over each column, and its degrees of freedom.
+
+    moment : (b,) what is taken as independent
+    """
+    held = np.unique(moment, return_inverse=True)[1]
     blocks = BlockScores(
         block_sums(weighted * size, held),
         block_sums(weighted * doing, held),

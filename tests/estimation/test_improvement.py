@@ -37,7 +37,6 @@ def test_nothing_is_added_where_noise_is_all_there_is() -> None:
 def test_an_effect_is_found_and_fitted_to_its_size(seed: int) -> None:
     found = improved(made_layer({"e3": SIZE}, seed), seed=seed)
     assert found.added == [("motion", "e3")]
-    assert found.passes
     assert found.members("e3") == ("e3",)
     assert found.base["motion"].keys == ()
     (estimate,) = found.fits["motion"].estimates()["e3"].parameters.values()
@@ -51,7 +50,14 @@ def test_an_effect_is_found_and_fitted_to_its_size(seed: int) -> None:
     others = [one for one in first.tried if one.key != "e3"]
     assert len(others) == 5
     assert all(one.why_not for one in others)
-    assert found.rounds[-1].why == "nothing is left that noise does not explain"
+
+
+def test_nothing_is_left_once_it_is_added_but_by_chance() -> None:
+    found = [improved(made_layer({"e3": SIZE}, seed), seed=seed) for seed in range(30)]
+    passed = [one for one in found if one.passes]
+    assert len(found) - len(passed) <= 5  # more would be a chance of 1 in 300 at a level of 5 %
+    for one in passed:
+        assert one.rounds[-1].why == "nothing is left that noise does not explain"
 
 
 def test_two_effects_are_found_one_after_another_the_larger_first() -> None:
