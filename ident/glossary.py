@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Between = Literal["held", "linear", "angle"]
+AXLES = ("front", "rear")
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Quantity:
 
 def _wheel_forces() -> dict[str, Quantity]:
     axes = ("longitudinal", "lateral", "vertical")
-    wheels = [(axle, side) for axle in ("front", "rear") for side in ("left", "right")]
+    wheels = [(axle, side) for axle in AXLES for side in ("left", "right")]
     return {
         f"{axle}_{side}_{axis}_force": Quantity("N", f"{axis} tyre force, {axle} {side} wheel")
         for axle, side in wheels

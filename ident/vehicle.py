@@ -34,13 +34,13 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from ident.errors import BadRecipe
+from ident.glossary import AXLES
 from ident.units import parse_quantity
 from ident.yaml_file import nearest, read_yaml
 
 ReferencePoint = Literal["rear_axle", "cg"]
 Point = tuple[float, float, float]
 
-AXLES = ("front", "rear")
 MOST_TYRES = 16  # on one axle group
 
 UNITS = {

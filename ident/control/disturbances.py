@@ -23,6 +23,7 @@ from ident.control.simulated import refuse_unphysical
 from ident.control.truck import Truck
 from ident.dynamics.tyres import TYRES
 from ident.errors import BadRecipe
+from ident.glossary import AXLES
 
 LATERAL_ERRORS = (-1.0, -0.5, -0.25, 0.25, 0.5, 1.0)  # [m]
 HEADING_ERRORS = tuple(radians(angle) for angle in (-5.0, -3.0, -1.0, 1.0, 3.0, 5.0))  # [rad]
@@ -39,7 +40,6 @@ SWEEPS: dict[str, tuple[float, ...]] = {
     "ratio": (-0.05, 0.0, 0.05),
 }
 LARGEST_FORCE = ("peak_force", "saturation_slip")  # tyre parameters that friction scales
-AXLES = ("front", "rear")
 
 
 def one_at_a_time() -> list[Disturbance]:

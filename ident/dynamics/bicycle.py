@@ -33,7 +33,7 @@ from sympy import Expr
 
 from ident.dynamics.constants import GRAVITY
 from ident.dynamics.effects import ROAD_BANK, STEERING_OFFSET, Effect, Ports
-from ident.dynamics.effects.effect import AXLES, ON_CURVE, known_symbols
+from ident.dynamics.effects.effect import ON_CURVE, known_symbols
 from ident.dynamics.reference_point import (
     CG,
     ReferencePoint,
@@ -44,6 +44,7 @@ from ident.dynamics.reference_point import (
 from ident.dynamics.symbols import guarded, symbol
 from ident.dynamics.system import System
 from ident.dynamics.tyres import Tyre, tyre_of
+from ident.glossary import AXLES
 
 Array = NDArray[np.float64]
 

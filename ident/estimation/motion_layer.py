@@ -46,7 +46,13 @@ from ident.estimation.motion_starts import (
     terms_of_runs,
 )
 from ident.estimation.own_noise import OwnNoise, own_noise
-from ident.estimation.tyre_fit import AXLES, BANK, SENSOR_BIAS, WINDOW, Body, coordinates_of
+from ident.estimation.tyre_fit import (
+    BANK,
+    SENSOR_BIAS,
+    WINDOW,
+    Body,
+    coordinates_of,
+)
 from ident.estimation.vehicle_fit import (
     rough_point,
 )
@@ -54,6 +60,7 @@ from ident.estimation.vehicle_inputs import Around, begin_terms
 from ident.estimation.vehicle_point import VehiclePoint
 from ident.estimation.vehicle_problem import VehicleProblem
 from ident.estimation.vehicle_records import MotionRecord, Windows, cut
+from ident.glossary import AXLES
 from ident.results import Refusal
 
 Array = NDArray[np.float64]

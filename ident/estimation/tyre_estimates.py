@@ -16,9 +16,10 @@ from scipy.stats import norm
 
 from ident.dynamics.tyres import evaluate
 from ident.estimation.coordinates import Coordinate
-from ident.estimation.tyre_fit import AXLES, KindFit
+from ident.estimation.tyre_fit import KindFit
 from ident.estimation.vehicle_fit import to_fixed
 from ident.estimation.vehicle_problem import STEERING_RATIO
+from ident.glossary import AXLES
 from ident.results import AxleCurve, Estimate, Status, TyreFit
 
 Array = NDArray[np.float64]

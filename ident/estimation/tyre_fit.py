@@ -34,13 +34,13 @@ from ident.estimation.vehicle_fit import VehicleFit, fit_vehicle, inflation
 from ident.estimation.vehicle_point import VehiclePoint
 from ident.estimation.vehicle_problem import VehicleProblem
 from ident.estimation.vehicle_records import MotionRecord, Windows, cut
+from ident.glossary import AXLES
 from ident.results import TyreKind
 
 Array = NDArray[np.float64]
 
 KINKS = ((0.85, 0.85), (0.7, 0.7), (0.55, 0.55), (0.7, 2.0), (2.0, 0.7))  # of the largest slip angles
 WINDOW = 10.0  # [s]
-AXLES = ("front", "rear")
 
 SENSOR_BIAS = {"yaw_rate": 0.02, "lateral_acceleration": 0.5, "lateral_velocity": 0.2, "heading": 0.1}
 STEERING_OFFSET = 0.03  # [rad] standard deviation of the prior

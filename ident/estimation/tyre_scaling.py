@@ -29,7 +29,6 @@ from ident.dynamics.tyres import Tyre
 from ident.dynamics.tyres.tyre import stiffness
 from ident.estimation.smooth_motion import smooth_motion
 from ident.estimation.tyre_fit import (
-    AXLES,
     MISALIGNED,
     Axles,
     Body,
@@ -41,6 +40,7 @@ from ident.estimation.tyre_start import linear_start
 from ident.estimation.vehicle_fit import inflation
 from ident.estimation.vehicle_point import VehiclePoint
 from ident.estimation.vehicle_records import MotionRecord
+from ident.glossary import AXLES
 
 Array = NDArray[np.float64]
 

@@ -35,10 +35,10 @@ from ident.estimation.smooth_motion import (
 )
 from ident.estimation.tyre_fit import Body
 from ident.estimation.vehicle_records import MotionRecord
+from ident.glossary import AXLES
 
 Array = NDArray[np.float64]
 
-AXLES = ("front", "rear")
 COEFFICIENTS = (2.0, 40.0)  # [1/rad] possible cornering stiffness over load
 INERTIAS = (0.3, 3.0)  # possible yaw inertia over m l_f l_r
 FRICTION = 0.8  # usual peak force over load

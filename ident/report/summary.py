@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+from ident.glossary import AXLES
 from ident.report.estimates import STATUS
 from ident.report.evaluated import (
     MARKS,
@@ -48,7 +49,6 @@ from ident.report.numbers import (
 from ident.report.refusals import by_reason
 from ident.report.steering_parameters import CLASSES, PARAMETERS, SHORT_METHODS, of_model
 from ident.report.tyre_parameters import (
-    AXLES,
     KINDS,
     chosen_fit,
     displayed,

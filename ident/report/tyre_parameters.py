@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from ident.glossary import SIGNALS
+from ident.glossary import AXLES, SIGNALS
 from ident.results import Estimate, TyreFit, TyreKind, TyresResult
-
-AXLES = ("front", "rear")
 
 KINDS: dict[TyreKind, str] = {
     "linear": "linear",

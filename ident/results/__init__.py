@@ -28,6 +28,8 @@ from ident.results.evaluate import (
     SplitBy,
 )
 from ident.results.improve import (
+    DIFFERENT_SIZES,
+    DOUBTFUL_SIZES,
     Candidate,
     CheckVerdict,
     Confirmation,
@@ -101,6 +103,8 @@ from ident.results.validate import (
 )
 
 __all__ = [
+    "DIFFERENT_SIZES",
+    "DOUBTFUL_SIZES",
     "SCHEMA_VERSION",
     "AccelerationBand",
     "AmplitudeFit",

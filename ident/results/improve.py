@@ -13,6 +13,9 @@ Verdict = Literal["adequate", "named", "equivalent", "unexplained"]
 LayerName = Literal["actuator", "motion"]
 CheckVerdict = Literal["agrees", "differs", "not_testable"]
 
+DIFFERENT_SIZES, DOUBTFUL_SIZES = 1e-3, 0.05
+"""p-value of one size in all runs below which an effect does not stand, and below which it is told."""
+
 
 @dataclass(frozen=True)
 class ErrorRange:

@@ -12,7 +12,8 @@ from ident.dynamics.kinematic import kinematic
 from ident.dynamics.tyres import Tyre, by_name, tyre_of
 from ident.errors import BadRecipe, NotIdentifiable
 from ident.estimation.evaluation import Candidate
-from ident.estimation.tyre_fit import AXLES, BANK
+from ident.estimation.tyre_fit import BANK
+from ident.glossary import AXLES
 from ident.model_file import Value, read_model
 from ident.results import (
     CostRatio,

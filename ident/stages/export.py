@@ -5,7 +5,7 @@ from __future__ import annotations
 from ident.dynamics.tyres.pac2002_axle import FITTED
 from ident.dynamics.tyres.pac2002_coefficients import with_scaling
 from ident.errors import BadRecipe, NotIdentifiable
-from ident.estimation.tyre_fit import AXLES
+from ident.glossary import AXLES
 from ident.model_file import Model, TyresPart
 from ident.stages.tyre_files import PAC2002, property_file_of
 

@@ -20,6 +20,7 @@ from ident.estimation.before_after import same_size
 from ident.estimation.improvement import Improvement, improve_layers, with_term
 from ident.estimation.residual_tests import Screened
 from ident.results import (
+    DIFFERENT_SIZES,
     SCHEMA_VERSION,
     Confirmation,
     ErrorComparison,
@@ -58,7 +59,6 @@ NO_ERROR = ErrorComparison({}, {}, {}, "none")
 TOLD_BY_SENSORS = ("wheel_speed_scale", "sensor_bias yaw_rate", "sensor_latency yaw_rate")
 NOT_INTEGRATED = ("yaw_rate", "lateral_acceleration")  # errors of others add up along a run
 FARTHER, FEWEST_OTHERS = 1.5, 2  # error of a run over that of the others, from which it is told
-DIFFERENT = 1e-3  # p-value below which an effect is not of one size in all runs
 MILLI = ("rad", "rad/s")
 
 
@@ -208,7 +208,7 @@ def verdict_of(found: Improvement) -> tuple[Verdict, str]:
         return "unexplained", found.rounds[-1].why
     for layer, key in found.added:
         p_value = same_size(*found.fits[layer].sizes_by_run(key))
-        if p_value is not None and p_value < DIFFERENT:
+        if p_value is not None and p_value < DIFFERENT_SIZES:
             return "unexplained", f"{key} is not of one size in all runs (p = {p_value:.1g})"
     if not found.added:
         return "adequate", ""
@@ -232,7 +232,7 @@ def _unlike(effects: Sequence[FoundEffect]) -> list[str]:
     return [
         f"{one.key}: its size differs between runs (p = {one.same_in_runs_p:.2g})"
         for one in effects
-        if one.same_in_runs_p is not None and one.same_in_runs_p < DIFFERENT
+        if one.same_in_runs_p is not None and one.same_in_runs_p < DIFFERENT_SIZES
     ]
 
 

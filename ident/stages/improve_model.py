@@ -16,7 +16,7 @@ from ident.estimation.improvement import Improvement
 from ident.estimation.motion_fit import MotionFit
 from ident.estimation.motion_layer import KIND
 from ident.estimation.noise import AutoRegression
-from ident.estimation.tyre_fit import AXLES
+from ident.glossary import AXLES
 from ident.results import Estimate, SteeringModel
 from ident.stages.improve_data import LayerData
 from ident.stages.improve_told import estimate_of

@@ -19,7 +19,8 @@ from ident.errors import NotIdentifiable
 from ident.estimation.evaluation import Candidate
 from ident.estimation.two_track_fit import fit_two_track
 from ident.estimation.tyre_estimates import tyre_fit, uncertainty
-from ident.estimation.tyre_fit import AXLES, BANK, KindFit, criteria
+from ident.estimation.tyre_fit import BANK, KindFit, criteria
+from ident.glossary import AXLES
 from ident.results import Estimate, FixedValue, TwoTrackFit, TyreKind, TyresResult
 from ident.stages.tyre_data import TyreData
 from ident.stages.tyre_files import PAC2002, tyres_of_files

@@ -12,7 +12,8 @@ from ident.dynamics.tyres.pac2002_axle import pac2002_axle, scaling_of
 from ident.dynamics.tyres.pac2002_coefficients import Pac2002, pac2002_from_file
 from ident.dynamics.tyres.property_file import PropertyFile, parse_property_file, read_property_file
 from ident.errors import BadRecipe
-from ident.estimation.tyre_fit import AXLES, Axles, Body
+from ident.estimation.tyre_fit import Axles, Body
+from ident.glossary import AXLES
 from ident.results import TyreFile
 from ident.vehicle import VehicleTyres
 

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from ident.estimation.measured_forces import Fitted, fit_curve, fit_scale
 from ident.estimation.tyre_estimates import IDENTIFIED, WEAK
-from ident.estimation.tyre_fit import AXLES, Body, KindFit
+from ident.estimation.tyre_fit import Body, KindFit
+from ident.glossary import AXLES
 from ident.results import Estimate, ForceComparison, Status, TyreFit
 from ident.signals.run import Run
 

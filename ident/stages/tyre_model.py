@@ -11,7 +11,8 @@ from dataclasses import asdict
 from typing import Any
 
 from ident.estimation.tyre_estimates import Uncertainty
-from ident.estimation.tyre_fit import AXLES, KindFit
+from ident.estimation.tyre_fit import KindFit
+from ident.glossary import AXLES
 from ident.results import EffectEstimate, Estimate, TyreFit, TyresResult
 from ident.stages.tyre_data import GIVEN, TyreData
 from ident.stages.tyre_files import PAC2002

@@ -14,8 +14,9 @@ from ident.estimation.force_observer import LEVEL, ObservedForces, observe_force
 from ident.estimation.force_system import MEASURED
 from ident.estimation.noise import NoiseModel
 from ident.estimation.noise_band import noise_above_the_motion
-from ident.estimation.tyre_fit import AXLES, KindFit
+from ident.estimation.tyre_fit import KindFit
 from ident.estimation.vehicle_records import MotionRecord
+from ident.glossary import AXLES
 from ident.results import ForceObserver
 from ident.stages.tyre_data import TyreData
 

@@ -9,8 +9,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ident.estimation.force_inversion import ForcePoints, invert_forces
-from ident.estimation.tyre_fit import AXLES, MISALIGNED, WINDOW, KindFit
+from ident.estimation.tyre_fit import MISALIGNED, WINDOW, KindFit
 from ident.estimation.vehicle_records import GAP, MotionRecord, Samples, Windows, cut
+from ident.glossary import AXLES
 from ident.signals.run import Run
 from ident.stages.tyre_data import TyreData
 

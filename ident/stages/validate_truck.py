@@ -16,12 +16,11 @@ from ident.control.sensors import COLOUR, std_within
 from ident.control.truck import SteeringActuator, Truck
 from ident.dynamics.tyres import TYRES
 from ident.errors import NotIdentifiable
-from ident.glossary import STEERING_PAIRS
+from ident.glossary import AXLES, STEERING_PAIRS
 from ident.model_file import EffectPart, Model, SignalNoise, SteeringPart, TyresPart, Value, VehiclePart
 from ident.results import Pair, TyreFit
 
 BODY = ("mass", "yaw_inertia", "cg_to_front_axle", "cg_to_rear_axle")
-AXLES = ("front", "rear")
 IDENTITY = ((-1.0, -1.0), (1.0, 1.0))
 KINEMATIC, LINEAR = "kinematic", "linear"
 OF_ACTUATOR = {

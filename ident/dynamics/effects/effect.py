@@ -67,7 +67,6 @@ class Effect:
         return tuple(parameter.name for parameter in (*self.parameters, *self.given))
 
 
-AXLES = ("front", "rear")
 ON_CURVE = "slip angle on a curve"
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ident.dynamics.blocks import lagged, oscillating, play
 from ident.dynamics.constants import GRAVITY
-from ident.dynamics.effects.effect import AXLES, Effect
+from ident.dynamics.effects.effect import Effect
 from ident.dynamics.effects.load_transfer import SLIGHT
 from ident.dynamics.effects.probes import PORTS
 from ident.dynamics.effects.road_bank import ROAD_BANK
@@ -33,6 +33,7 @@ from ident.dynamics.effects.wheel_speed_scale import WHEEL_SPEED_SCALE
 from ident.dynamics.engine import Engine
 from ident.dynamics.printing import ArrayPrinter
 from ident.dynamics.symbols import symbol
+from ident.glossary import AXLES
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import sympy
 
-from ident.dynamics.effects.effect import AXLES, Change, Effect
+from ident.dynamics.effects.effect import Change, Effect
+from ident.glossary import AXLES
 
 FORCES = tuple(f"{axle}_free_force" for axle in AXLES)
 RATES = tuple(f"{axle}_free_force_rate" for axle in AXLES)

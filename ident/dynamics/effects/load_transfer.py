@@ -36,9 +36,10 @@ import sympy
 from sympy import Expr
 
 from ident.dynamics.constants import GRAVITY
-from ident.dynamics.effects.effect import AXLES, Change, Effect, Known, on_curve
+from ident.dynamics.effects.effect import Change, Effect, Known, on_curve
 from ident.dynamics.parameter import Parameter
 from ident.dynamics.symbols import choose, clip, symbol
+from ident.glossary import AXLES
 
 SENSITIVITY = Parameter(
     "load_transfer.sensitivity", "1", -2.0, 2.0, 0.4, "share of stiffness lost with all load on one side"

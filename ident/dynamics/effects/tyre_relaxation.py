@@ -16,9 +16,10 @@ import sympy
 from numpy.typing import ArrayLike, NDArray
 from sympy import Expr
 
-from ident.dynamics.effects.effect import AXLES, Change, Effect, Known
+from ident.dynamics.effects.effect import Change, Effect, Known
 from ident.dynamics.parameter import Parameter
 from ident.dynamics.symbols import guarded, symbol
+from ident.glossary import AXLES
 
 CRAWL = 1.0  # [m/s] as in the slip angle
 LARGEST_DECAY = 1.0  # |v| h/σ above which a Runge-Kutta step of h is more than 2 % wrong in what decays

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from ident.report.estimates import AGREE_FROM
 from ident.report.improved import (
     BADGES,
     added_names,
@@ -24,7 +23,7 @@ from ident.report.pages import improve_figures as figures
 from ident.report.pages import improve_tables as tables_of
 from ident.report.pages.steering import refusals
 from ident.report.tyre_parameters import displayed, in_order
-from ident.results import Discovered, FoundEffect, ImproveResult, ImproveStep
+from ident.results import DIFFERENT_SIZES, DOUBTFUL_SIZES, Discovered, FoundEffect, ImproveResult, ImproveStep
 
 MOST_RUNS_DRAWN = 12
 
@@ -118,13 +117,21 @@ def _effect(effect: FoundEffect) -> list[Block]:
         ("What speaks for it:", f"{p_value(effect.p_value)} after the correction."),
     ]
     if same is not None:
-        said = "the runs contradict each other" if same < AGREE_FROM else "the runs agree on its size"
-        told.append(("Run by run:", f"{said} ({p_value(same)})."))
+        told.append(("Run by run:", f"{_agreement(same)} ({p_value(same)})."))
     others = [effect_name(one) for one in effect.members if one not in (effect.key, effect.name)]
     if others:
         told.append(("These data cannot tell it from:", f"{', '.join(others)}."))
     typeset = [equation(effect.equation)] if effect.equation else []
     return [*typeset, tables_of.parameters(effect), Lines(told)]
+
+
+def _agreement(p: float) -> str:
+    """What a p-value says of the sizes that single runs give an effect."""
+    if p < DIFFERENT_SIZES:
+        return "the runs contradict each other"
+    if p < DOUBTFUL_SIZES:
+        return "the runs differ somewhat, less than it takes to doubt the effect"
+    return "the runs agree on its size"
 
 
 def _shares(share: Mapping[str, float], *, together: bool) -> list[tuple[str, str]]:

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ident.glossary import AXLES
 from ident.report import figures, shades
 from ident.report.condense import Array, spread_out
 from ident.report.numbers import count
 from ident.report.page import Figure
-from ident.report.tyre_parameters import AXLES, KINDS, chosen_fit, short_name
+from ident.report.tyre_parameters import KINDS, chosen_fit, short_name
 from ident.report.tyre_signals import force_points
 from ident.results import AxleCurve, TyreFit, TyreKind, TyresResult
 

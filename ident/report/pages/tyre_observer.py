@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from ident.glossary import AXLES
 from ident.report import figures, shades
 from ident.report.condense import Array, Line, broken, contiguous, thinned
 from ident.report.numbers import NONE, fixed, significant
 from ident.report.page import Block, Cell, Column, Table, Text
-from ident.report.tyre_parameters import AXLES
 from ident.report.tyre_signals import column
 from ident.results import ForceObserver
 

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from ident.glossary import SIGNALS
+from ident.glossary import AXLES, SIGNALS
 from ident.report import figures
 from ident.report.condense import Array, Line, broken, contiguous, thinned
 from ident.report.numbers import count, shorten
 from ident.report.page import Figure
 from ident.report.pages import tyre_observer
-from ident.report.tyre_parameters import AXLES, signal_unit
+from ident.report.tyre_parameters import signal_unit
 from ident.report.tyre_signals import Compared, column, compared, measured_signals, modelled
 
 TIME_OF_RUN = "time since the start of the run [s]"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ident.glossary import AXLES
 from ident.report.estimates import agreement_cell, estimate_cells, parameter_columns
 from ident.report.numbers import (
     NONE,
@@ -21,7 +22,6 @@ from ident.report.numbers import (
 from ident.report.page import Block, Cell, Column, Details, Facts, Lines, Table, Text, Tone
 from ident.report.pages import health
 from ident.report.tyre_parameters import (
-    AXLES,
     FORMULAS,
     KINDS,
     PARAMETERS,

@@ -136,6 +136,22 @@ def test_the_residual_hangs_on_its_variable_before_and_no_longer_after(page, imp
     assert figure.spec["layout"]["yaxis2"]["range"] == figure.spec["layout"]["yaxis3"]["range"]
 
 
+@pytest.mark.parametrize(
+    ("p_value", "said"),
+    [
+        (2e-4, "the runs contradict each other"),
+        (0.02, "the runs differ somewhat, less than it takes to doubt the effect"),
+        (0.5, "the runs agree on its size"),
+    ],
+)
+def test_the_page_says_of_single_runs_what_the_verdict_makes_of_them(improve_cases, p_value, said):
+    result, *tables = improve_cases["named"]
+    effects = [replace(one, same_in_runs_p=p_value) for one in result.effects]
+    blocks = section(improve_page(replace(result, effects=effects), *tables), "effect")
+    told = [text for block in blocks if isinstance(block, Lines) for head, text in block.items]
+    assert any(text.startswith(f"{said} (p") for text in told)
+
+
 def test_the_effect_is_typeset_with_its_parameters_and_their_meaning(page):
     blocks = section(page, "effect")
     equation = one(blocks, Equation)
