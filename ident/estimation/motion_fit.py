@@ -20,9 +20,7 @@ from ident.estimation.motion_effects import (
 )
 from ident.estimation.motion_scores import Projection
 from ident.estimation.motion_screen import MotionDirections, motion_directions
-from ident.estimation.motion_starts import (
-    minimised,
-)
+from ident.estimation.motion_starts import anew, minimised
 from ident.estimation.reported_fit import reported_fit
 from ident.estimation.vehicle_fit import (
     VehicleFit,
@@ -74,7 +72,7 @@ class MotionFit:
         point, kept = self.point, ROUNDS_KEPT
         known = any(one.shape.total_over_innovations() > 1 for one in point.noise.values())
         for number in range(NOISE_ROUNDS):
-            point = minimised(point)
+            point = minimised(point) if number else anew(minimised(point))
             keep = known or number >= kept
             noise, _ = identify_noise(point, self.layer.floor, keep_order=keep)
             changed = max(abs(noise[n].std / point.noise[n].std - 1) for n in noise)

@@ -38,7 +38,6 @@ from ident.estimation.motion_effects import (
 from ident.estimation.motion_fit import MotionFit, motion_fit, motion_fit_or_none
 from ident.estimation.motion_scores import Projection
 from ident.estimation.motion_starts import (
-    anew,
     begun_states,
     initial_states,
     minimised,
@@ -233,7 +232,7 @@ class MotionLayer:
         tried = [minimised(point) for point in points if np.isfinite(point.value) and point.smooth]
         if not tried:
             raise DoesNotFit(f"the model blows up with {', '.join(keys)}")
-        return MotionFit(self, tuple(keys), anew(min(tried, key=lambda point: point.value)))
+        return MotionFit(self, tuple(keys), min(tried, key=lambda point: point.value))
 
     def _starts(
         self, keys: Sequence[str], shapes: Mapping[str, Sequence[Mapping[str, float]]]
