@@ -60,6 +60,23 @@ def test_nothing_is_left_once_it_is_added_but_by_chance() -> None:
         assert one.rounds[-1].why == "nothing is left that noise does not explain"
 
 
+def test_where_only_the_size_of_residuals_tells_candidates_need_to_stand_out_by_themselves() -> None:
+    seen = 0
+    for seed in range(12):
+        layer = made_layer({"e3": 0.045}, seed)
+        louder = 0.6 * column(0) * np.random.default_rng([seed, 9]).standard_normal(column(0).size)
+        first = improved(replace(layer, values=layer.values + louder), seed=seed).rounds[0]
+        scores = [one for one in first.screen.groups if one.effect is not None]
+        if not first.screen.rejected or any(one.p_value <= 0.05 for one in scores):
+            continue
+        seen += 1
+        alone = {one.key for one in scores if one.p_marginal <= 0.05}
+        assert {one.key for one in first.tried if one.fit is not None} == alone
+        for one in first.tried:
+            assert (one.key in alone) or "does not stand out" in (one.why_not or "")
+    assert seen >= 4
+
+
 def test_two_effects_are_found_one_after_another_the_larger_first() -> None:
     found = improved(made_layer({"e2": 0.2, "e5": -0.4}, 1))
     assert found.added == [("motion", "e5"), ("motion", "e2")]
