@@ -5,7 +5,8 @@ little noise there is worth more than a motion that is followed to the last hert
 polynomials (Savitzky and Golay 1964) over longer and longer spans are compared. Their errors by noise are
 known, and the longest is taken whose estimate still agrees with all shorter ones (intersection of confidence
 intervals, Goldenshluger and Nemirovski 1997; Katkovnik 1999): long where the wheel is held, short where it
-turns.
+turns. Where a wheel stops within a few hundredths of a second, even the shortest span swings beyond by some
+tenths of a milliradian, which a play would hold: what contradicts the sample itself is not taken.
 """
 
 from __future__ import annotations
@@ -22,14 +23,15 @@ from ident.estimation.vehicle_records import COLUMNS, Windows
 
 Array = NDArray[np.float64]
 
-SPANS, ORDER = (0.5, 0.8, 1.2, 2.0, 3.0), 5  # [s]
+SPANS, ORDER = (0.3, 0.5, 0.8, 1.2, 2.0, 3.0), 5  # [s]
 AGREE = 1.25  # standard deviations on either side, within which two estimates agree
+CONTRADICTS = 4.5  # of a sample: that chance hardly ever holds one that a play would hold, too
 ANGLES = ("road_wheel_angle",)
 REMEMBERED = 4.0  # [s] after which an autoregression has forgotten an innovation
 
 
 def adaptively_smoothed(windows: Windows, inputs: Array, noises: Sequence[OwnNoise]) -> Array:
-    """(N, 2) inputs of windows, smoothed already as their noises say, the angle smoothed on."""
+    """(N, 2) inputs of windows, the angle smoothed; ``noises`` : of these inputs as they are given."""
     made = inputs.copy()
     for noise in (one for one in noises if one.name in ANGLES):
         column = COLUMNS.index(noise.name)
@@ -42,7 +44,7 @@ def adaptively_smoothed(windows: Windows, inputs: Array, noises: Sequence[OwnNoi
 def smoothed_stretch(values: Array, noise: OwnNoise, period: float) -> Array:
     """(n,) one stretch, over the longest span that agrees at each sample; ``period`` of its grid [s]."""
     answer = _answer(noise, period)
-    reach = AGREE * float(np.linalg.norm(answer))
+    reach = CONTRADICTS * float(np.linalg.norm(answer))
     low, high = values - reach, values + reach
     made, alive = values.copy(), np.ones(values.size, dtype=bool)
     for span in SPANS:

@@ -67,6 +67,7 @@ class Smoothing:
 
 INPUTS = {"road_wheel_angle": Smoothing(0.3, 5), "speed": Smoothing(0.5, 3)}
 """Of a steering angle of 2 Hz 99.9 % pass, and a third of the noise."""
+UNSMOOTHED = Smoothing(0.0, 0)
 NAMES = {"road_wheel_angle": "road_wheel_angle", "speed": "longitudinal_velocity"}
 
 
@@ -114,11 +115,13 @@ class InputNoise:
 
 def with_smooth_inputs(record: MotionRecord) -> MotionRecord:
     """The record with its speed and its road-wheel angle smoothed."""
-    return replace(
-        record,
-        road_wheel_angle=INPUTS["road_wheel_angle"].of(record.road_wheel_angle, record.period),
-        speed=INPUTS["speed"].of(record.speed, record.period),
-    )
+    angle = INPUTS["road_wheel_angle"].of(record.road_wheel_angle, record.period)
+    return replace(with_smooth_speed(record), road_wheel_angle=angle)
+
+
+def with_smooth_speed(record: MotionRecord) -> MotionRecord:
+    """The record with its speed smoothed, the angle as it was measured."""
+    return replace(record, speed=INPUTS["speed"].of(record.speed, record.period))
 
 
 def input_noise(records: Sequence[MotionRecord]) -> list[InputNoise]:

@@ -91,7 +91,7 @@ class MotionFit:
     @cached_property
     def final(self) -> VehicleFit:
         """The fit as it is reported: least squares where something is left that is no noise."""
-        return reported_fit(self.point, self.layer.floor, self.layer.own_noise)
+        return reported_fit(self.point, self.layer.floor, self.layer.noise_of(self.point.problem))
 
     def scores(self) -> LayerScores:
         """See :class:`~ident.estimation.layer.LayerFit`."""

@@ -23,9 +23,15 @@ from ident.dynamics.effects.probes import PROBES
 from ident.dynamics.effects.tyre_relaxation import LENGTH, shortest_length
 from ident.dynamics.engine import Engine, compiled
 from ident.dynamics.tyres import tyre_of
-from ident.estimation.adaptive_smoothing import adaptively_smoothed
+from ident.estimation.adaptive_smoothing import ANGLES, adaptively_smoothed
 from ident.estimation.coordinates import Coordinate, RunTerm
-from ident.estimation.input_noise import InputNoise, input_noise, with_smooth_inputs
+from ident.estimation.input_noise import (
+    UNSMOOTHED,
+    InputNoise,
+    input_noise,
+    with_smooth_inputs,
+    with_smooth_speed,
+)
 from ident.estimation.layer import SIZE, DoesNotFit, EffectCard, HeldOut, LayerFit
 from ident.estimation.motion_basis import pushed_by, trajectory_of
 from ident.estimation.motion_effects import (
@@ -117,8 +123,10 @@ class MotionLayer:
     @cached_property
     def calm_windows(self) -> Windows:
         """The same for a model with corners before it: their angle is smoothed for as long as it rests."""
+        records = [with_smooth_speed(record) for record in self.records]
+        measured = Windows([part for record in records for part in cut(record, WINDOW, LEAD)])
         made = copy.copy(self.windows)
-        made.inputs = adaptively_smoothed(made, made.inputs, self.own_noise)
+        made.inputs = adaptively_smoothed(made, measured.inputs, self._measured_noise)
         return made
 
     @cached_property
@@ -130,6 +138,15 @@ class MotionLayer:
     def own_noise(self) -> list[OwnNoise]:
         """Of the inputs, as their calm parts show it."""
         return own_noise(self.records)
+
+    @property
+    def _measured_noise(self) -> list[OwnNoise]:
+        """The same where the angle is as it was measured."""
+        return [replace(one, smoothing=UNSMOOTHED) if one.name in ANGLES else one for one in self.own_noise]
+
+    def noise_of(self, problem: VehicleProblem) -> list[OwnNoise]:
+        """Of the inputs, as that model has them before they are smoothed."""
+        return self._measured_noise if problem.around.has_corners else self.own_noise
 
     @cached_property
     def effects(self) -> dict[str, MotionEffect]:
@@ -164,13 +181,13 @@ class MotionLayer:
         }
         blocks = tuple(block for effect in effects for block in effect.blocks)
         terms = [*self.base_terms, *(term for effect in effects for term in effect.run_terms)]
-        windows = self.calm_windows if any(block.hysteresis for block in blocks) else self.windows
-        terms += begin_terms(blocks, windows)
         around = Around(
             blocks,
             {signal: name for effect in effects for signal, name in (effect.late or {}).items()},
             {key: self._pushes(key) for key in generic},
         )
+        windows = self.calm_windows if around.has_corners else self.windows
+        terms += begin_terms(blocks, windows)
         tyres = {axle: (tyre_of(KIND), self.body.load(axle)) for axle in AXLES}
         return VehicleProblem(engine, windows, coordinates, fixed, terms, around, tyres)
 

@@ -52,7 +52,7 @@ class Disturbance:
 def disturbance(point: VehiclePoint, noises: Sequence[OwnNoise]) -> Disturbance:
     """Drive draws of all noises together through the model at a point."""
     projection = Projection(point)
-    if any(block.hysteresis for block in point.problem.around.blocks):
+    if point.problem.around.has_corners:
         white = _changes(point, noises)
         scores = projection.shared_scores(white)
         mean = scores.mean(axis=2, keepdims=True)

@@ -33,7 +33,10 @@ BEFORE = 5.0  # [s] of noise before that which is used, so that it is stationary
 
 @dataclass(frozen=True)
 class OwnNoise:
-    """Noise of one input of the model, before it is smoothed; ``std`` : of its innovations."""
+    """Noise of one input of the model, before it is smoothed; ``std`` : of its innovations.
+
+    smoothing : that the input is given
+    """
 
     name: str
     shape: AutoRegression

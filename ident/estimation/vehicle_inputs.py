@@ -137,6 +137,11 @@ class Around:
             dict.fromkeys([*(block.name for block in self.blocks), *self.late.values(), *self.pushes])
         )
 
+    @property
+    def has_corners(self) -> bool:
+        """Whether a block before the model depends on where it stood before."""
+        return any(block.hysteresis for block in self.blocks)
+
 
 NOTHING_AROUND = Around()
 

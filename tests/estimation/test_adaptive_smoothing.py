@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from motion_case import layer_of, records
@@ -60,3 +62,13 @@ def test_an_angle_without_noise_stays_as_it_is() -> None:
     smooth = adaptively_smoothed(windows, windows.inputs, [exact])
     assert smooth == pytest.approx(windows.inputs, abs=1e-9)
     assert np.array_equal(adaptively_smoothed(windows, windows.inputs, []), windows.inputs)
+
+
+def test_an_exact_angle_that_stops_at_once_does_not_swing_beyond() -> None:
+    (run,) = records(count=1, seconds=40.0)
+    stops = 0.08 * np.clip((run.times - run.times[0] - 18.0) / 0.4, 0.0, 1.0)
+    layer = layer_of([replace(run, road_wheel_angle=stops)])
+    true = 0.08 * np.clip((layer.windows.times - run.times[0] - 18.0) / 0.4, 0.0, 1.0)
+    swing = [np.abs(one.inputs[:, 0] - true).max() for one in (layer.windows, layer.calm_windows)]
+    assert swing[0] > 1e-3, "smoothing over a fixed span swings"
+    assert swing[1] < 1e-9
