@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,12 +17,8 @@ from ident.estimation.vehicle_problem import Residuals, VehicleProblem
 Array = NDArray[np.float64]
 
 SIMULATED = ("outputs", "residuals", "errors")
-PARTS = (
-    1.0,
-    0.25,
-    0.05,
-    0.0,
-)  # of a step of what a run or a window has for itself, where the whole is too much
+PARTS = {1.0: (0.25, 0.05, 0.0), 0.25: (1.0, 0.25), 0.05: (1.0, 0.25), 0.0: (1.0, 0.25, 0.0)}
+"""Where the whole of a step is too much: parts of that of a run's terms, and of its windows' with each."""
 
 
 @dataclass(frozen=True)
@@ -151,21 +147,25 @@ class VehiclePoint:
         if whole.value <= self.value:
             return whole
         asked, best = self._term_steps(step), whole
-        for part in PARTS:
-            tried = self._with_terms(whole, part * asked, step)
-            best = tried if part == PARTS[0] else best.with_better_runs(tried)
+        for part, parts in PARTS.items():
+            tried = self._with_terms(whole, part, asked, parts, step)
+            best = best.with_better_runs(tried)
             if np.all(best.run_sums <= self.run_sums):
                 break
         return best
 
-    def _with_terms(self, whole: VehiclePoint, terms: Array, step: Array) -> VehiclePoint:
-        """The point of a whole step, but with these steps of the runs' terms (runs, b).
+    def _with_terms(
+        self, whole: VehiclePoint, part: float, asked: Array, parts: Sequence[float], step: Array
+    ) -> VehiclePoint:
+        """The point of a whole step, but with a part of the steps asked of the runs' terms (runs, b).
 
-        The initial states follow, each by that part of its own step that serves its window best.
+        The initial states follow, each by that of these parts of its own step that serves its window best.
         """
-        asked = self._local_steps(terms, step)
-        moved = replace(whole, of_runs=self.with_term_steps(terms))
-        tried = [replace(moved, local=self.local + part * asked) for part in PARTS]
+        follows = self._local_steps(part * asked, step)
+        moved = replace(whole, of_runs=self.with_term_steps(part * asked))
+        tried = [replace(moved, local=self.local + one * follows) for one in parts]
+        if part == 1.0:
+            tried.insert(0, whole)
         best = np.argmin([point.window_sums for point in tried], axis=0)
         return replace(moved, local=np.array([tried[k].local[n] for n, k in enumerate(best)]))
 
