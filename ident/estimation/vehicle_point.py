@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 SIMULATED = ("outputs", "residuals", "errors")
 PARTS = {1.0: (0.25, 0.05, 0.0), 0.25: (1.0, 0.25), 0.05: (1.0, 0.25), 0.0: (1.0, 0.25, 0.0)}
 """Where the whole of a step is too much: parts of that of a run's terms, and of its windows' with each."""
+WITH_WHOLE_TERMS = ((1.0, PARTS[1.0]),)  # of which all but where a play begins are linear
 
 
 @dataclass(frozen=True)
@@ -140,14 +141,15 @@ class VehiclePoint:
         """See :class:`~ident.estimation.gauss_newton.Point`.
 
         Near the peak of a tyre a whole step of an initial state leads far past its best value, and so does
-        one of where a play begins near an end of it. Where the whole makes things worse, each run takes that
-        part of the step of its terms, and each window that of its initial state, that serves it best.
+        one of where a play begins near an end of it. Where the whole makes things worse, each run with a play
+        takes that part of the step of its terms, and each window that of its initial state, that serves it
+        best.
         """
         whole = self.wholly_moved(step)
         if whole.value <= self.value:
             return whole
         asked, best = self._term_steps(step), whole
-        for part, parts in PARTS.items():
+        for part, parts in PARTS.items() if self.problem.begins.size else WITH_WHOLE_TERMS:
             tried = self._with_terms(whole, part, asked, parts, step)
             best = best.with_better_runs(tried)
             if np.all(best.run_sums <= self.run_sums):

@@ -162,6 +162,7 @@ class Windows:
         self.offsets = np.cumsum([0, *(record.times.size for record in records)]).astype(np.intp)
         self.steps = np.concatenate([np.full(r.times.size, r.period) for r in records])
         self.times = np.concatenate([record.times for record in records])
+        self._latest: dict[str, tuple[float, SignalSamples]] = {}
         self.inputs = np.column_stack(
             [
                 np.concatenate([record.road_wheel_angle for record in records]),
@@ -209,7 +210,9 @@ class Windows:
 
     def later(self, name: str, delay: float) -> SignalSamples:
         """The samples of a signal placed where the grid was ``delay`` [s] before their stamps."""
-        return self._samples(name, delay)
+        if self._latest.get(name, (None,))[0] != delay:
+            self._latest[name] = (delay, self._samples(name, delay))
+        return self._latest[name][1]
 
     def _samples(self, name: str, delay: float = 0.0) -> SignalSamples:
         nothing = Samples(np.zeros(0), np.zeros(0))
