@@ -151,7 +151,7 @@ class VehiclePoint:
         asked, best = self._term_steps(step), whole
         for part, parts in PARTS.items() if self.problem.begins.size else WITH_WHOLE_TERMS:
             tried = self._with_terms(whole, part, asked, parts, step)
-            best = best.with_better_runs(tried)
+            best = tried if part == 1.0 else best.with_better_runs(tried)
             if np.all(best.run_sums <= self.run_sums):
                 break
         return best
