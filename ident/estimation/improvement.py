@@ -180,7 +180,7 @@ def _round(
     rival = _rival(own, next(one.scores for one in looked.layers if one.scores.layer == layer), looked.level)
     candidates = [one for one in own if one.effect is not None and (effects is None or one.effect in effects)]
     candidates.sort(key=lambda one: -one.statistic)
-    alone = all(one.p_value > looked.level for one in candidates)
+    alone = all(one.p_value > looked.level for one in own if one.shape is not None)
     tried: list[Tried] = []
     for one in candidates:
         p_value = one.p_marginal if alone else one.p_value
@@ -203,8 +203,9 @@ def _where(looked: Screen) -> str:
 def _not_worth(one: Screened, p_value: float, layer: Layer, level: float) -> str | None:
     """Why a candidate is not fitted in full, None where it is.
 
-    p_value : by which it must stand out: that of all that was looked at together; its own where no candidate
-        does so by that. Something is left for certain then, and its own likelihood decides.
+    p_value : by which it must stand out: that of all that was looked at together; its own where nothing but
+        the size of residuals does so by that. What is left for certain has no direction then, and its own
+        likelihood decides.
     """
     if p_value > level:
         return f"its score does not stand out (p = {one.p_value:.2g}, all that was looked at together)"

@@ -66,10 +66,11 @@ def test_where_only_the_size_of_residuals_tells_candidates_need_to_stand_out_by_
         layer = made_layer({"e3": 0.045}, seed)
         louder = 0.6 * column(0) * np.random.default_rng([seed, 9]).standard_normal(column(0).size)
         first = improved(replace(layer, values=layer.values + louder), seed=seed).rounds[0]
-        scores = [one for one in first.screen.groups if one.effect is not None]
-        if not first.screen.rejected or any(one.p_value <= 0.05 for one in scores):
+        directions = [one for one in first.screen.groups if one.shape is not None]
+        if not first.screen.rejected or any(one.p_value <= 0.05 for one in directions):
             continue
         seen += 1
+        scores = [one for one in directions if one.effect is not None]
         alone = {one.key for one in scores if one.p_marginal <= 0.05}
         assert {one.key for one in first.tried if one.fit is not None} == alone
         for one in first.tried:
