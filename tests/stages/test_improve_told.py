@@ -261,18 +261,21 @@ def test_an_effect_that_the_fit_takes_up_is_listed_as_not_testable() -> None:
 
 
 def test_an_effect_that_only_half_of_the_runs_show_has_no_name() -> None:
-    whole = made_layer({}, 3)
-    seen = replace(whole, values=whole.values + SIZE * column(3) * (whole.run < 2))
-    everywhere = replace(whole, values=whole.values + SIZE * column(3))
-    verdicts = {}
-    for name, layer in (("half", seen), ("all", everywhere)):
-        found = improved(layer)
-        assert found.added == [("motion", "e3")]
-        assert found.passes
-        verdicts[name] = verdict_of(found)
-    assert verdicts["all"] == ("named", "")
-    assert verdicts["half"][0] == "unexplained"
-    assert verdicts["half"][1].startswith("e3 is not of one size in all runs (p = ")
+    seen = 0
+    for seed in range(4):
+        whole = made_layer({}, seed)
+        half = replace(whole, values=whole.values + SIZE * column(3) * (whole.run < 2))
+        everywhere = replace(whole, values=whole.values + SIZE * column(3))
+        found = [improved(layer) for layer in (everywhere, half)]
+        assert [one.added for one in found] == 2 * [[("motion", "e3")]]
+        if not all(one.passes for one in found):
+            continue  # by chance, in one of twenty
+        seen += 1
+        assert verdict_of(found[0]) == ("named", "")
+        verdict, why = verdict_of(found[1])
+        assert verdict == "unexplained"
+        assert why.startswith("e3 is not of one size in all runs (p = ")
+    assert seen >= 2
 
 
 def test_a_run_that_is_predicted_worse_than_the_others_is_told() -> None:
