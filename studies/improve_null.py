@@ -16,6 +16,9 @@ Every other fit begins from parameters that are wrong by 20 to 50 %. One fit of 
 but those with gusts a start and the colour of the noise, that of the inputs among it; from there each set is
 fitted, scored along directions of its own, and tested as the loop does. One set in ``AGAIN`` is fitted from
 the wrong start as well, its noise identified anew: both p-values are told.
+
+A kept row that says ``joined`` was not scored anew when the comparison of the size of residuals changed: its
+p-value is the smaller one of that comparison alone and of the gate before.
 """
 
 from __future__ import annotations

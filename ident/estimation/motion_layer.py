@@ -51,13 +51,7 @@ from ident.estimation.motion_starts import (
     terms_of_runs,
 )
 from ident.estimation.own_noise import OwnNoise, own_noise
-from ident.estimation.tyre_fit import (
-    BANK,
-    SENSOR_BIAS,
-    WINDOW,
-    Body,
-    coordinates_of,
-)
+from ident.estimation.tyre_fit import BANK, SENSOR_BIAS, WINDOW, Body, coordinates_of
 from ident.estimation.vehicle_fit import (
     rough_point,
 )

@@ -162,7 +162,7 @@ class Windows:
         self.offsets = np.cumsum([0, *(record.times.size for record in records)]).astype(np.intp)
         self.steps = np.concatenate([np.full(r.times.size, r.period) for r in records])
         self.times = np.concatenate([record.times for record in records])
-        self._latest: dict[str, tuple[float, SignalSamples]] = {}
+        self._latest: dict[str, tuple[float, SignalSamples]] = {}  # by signal: the delay asked for last
         self.inputs = np.column_stack(
             [
                 np.concatenate([record.road_wheel_angle for record in records]),

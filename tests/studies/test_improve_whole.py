@@ -45,12 +45,17 @@ def test_false_alarms_wrong_verdicts_and_worse_errors_are_counted():
             sound(verdict="unexplained"),
             row("tyre_relaxation"),
             row("tyre_relaxation", over_before={"yaw_rate": 0.7, "heading": 1.2}),
-            row("tyre_relaxation", sizes={"tyre_relaxation": {"length": [0.6, 0.56, 0.64]}}),
+            row(
+                "tyre_relaxation",
+                over_floor={"yaw_rate": 1.3},
+                sizes={"tyre_relaxation": {"length": [0.6, 0.56, 0.64]}},
+            ),
         ]
     )
     assert "sound trucks: 1 of 2 not adequate" in told
     assert "n = 3: named 3; truth in a class 3; interval holds 2 of 3" in told
     assert "same verdict at 50 Hz: 4 of 5" in told
+    assert "at most 1.1 in 4 of 5 signals; largest 1.30 (yaw_rate" in told
     assert "accepted: 3; a signal of held-out runs worse than before: 1" in told
 
 
