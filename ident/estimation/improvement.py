@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from ident.estimation.candidate_set import Classes, candidate_set
-from ident.estimation.layer import SIZE, DoesNotFit, Layer, LayerFit, LayerScores, Likelihood
+from ident.estimation.layer import SIZE, DoesNotFit, Layer, LayerFit
 from ident.estimation.residual_tests import Screen, Screened, screen
+from ident.estimation.rival_term import EFFECT, RIVAL, duel, rival_fit, rival_of, stands_out
 
 Array = NDArray[np.float64]
 
@@ -33,7 +34,6 @@ BEHIND, KEPT = 50.0, 0.5  # 2 log likelihood, and part of the gain: further behi
 
 CONTRADICTS = 5.0  # standard errors of what the sensors say by themselves
 PRACTICAL = 0.2  # of it
-EFFECT, RIVAL = "effect", "rival"
 
 Known = Mapping[str, tuple[float, float]]
 Progress = Callable[[str, int, int], None]
@@ -170,6 +170,10 @@ def _layer_of(looked: Screen) -> str | None:
     return looked.strongest.layer if looked.strongest else None
 
 
+def _signals(looked: Screen, layer: str) -> tuple[str, ...]:
+    return next(one.scores.signals for one in looked.layers if one.scores.layer == layer)
+
+
 def _round(
     found: Improvement, looked: Screen, effects: Sequence[str] | None, survivors: int, known: Known
 ) -> Round:
@@ -177,7 +181,6 @@ def _round(
     layer = _where(looked)
     fit = found.fits[layer]
     own = [one for one in looked.groups if one.layer == layer and one.untestable is None]
-    rival = _rival(own, next(one.scores for one in looked.layers if one.scores.layer == layer), looked.level)
     candidates = [one for one in own if one.effect is not None and (effects is None or one.effect in effects)]
     candidates.sort(key=lambda one: -one.statistic)
     alone = all(one.p_value > looked.level for one in own if one.shape is not None)
@@ -188,8 +191,29 @@ def _round(
         if why_not is None and sum(t.why_not is None for t in tried) >= survivors:
             why_not = f"its score is below those of the {survivors} that were fitted"
         tried.append(Tried(one.key, one, why_not=why_not))
+    alone = alone or all(one.why_not is not None for one in tried)
+    tried = _with_foremost(tried, own, found.layers[layer], looked.level)
     tried = [_fitted(t, found.layers[layer], fit, known) if t.why_not is None else t for t in tried]
-    return _chosen(found, looked, layer, tried, rival, known)
+    return _chosen(
+        found, looked, layer, tried, rival_of(own, _signals(looked, layer), looked.level, alone), known
+    )
+
+
+def _with_foremost(
+    tried: Sequence[Tried], own: Sequence[Screened], layer: Layer, level: float
+) -> list[Tried]:
+    """Fit also what stands out by itself, and gains more in one step than all others and any generic term.
+
+    An effect that is large and acts in few places scatters its own score, since one step is far from enough:
+    beside all that is looked at together it may then seem to be nothing.
+    """
+    most = max((one.gain for one in own if one.effect is None), default=0.0)
+    most = max(most, *(one.screened.gain for one in tried if one.why_not is None), 0.0)
+
+    def worth(one: Screened) -> bool:
+        return one.gain > most and _not_worth(one, one.p_marginal, layer, level) is None
+
+    return [replace(one, why_not=None) if worth(one.screened) else one for one in tried]
 
 
 def _where(looked: Screen) -> str:
@@ -257,15 +281,15 @@ def _chosen(
     likelihoods = {key: fit.likelihood(like, roughly=behind[key] > far) for key, fit in fits.items()}
     gains = {key: float(one.values.sum() - before.values.sum()) for key, one in likelihoods.items()}
     freedom = {key: fit.freedom for key, fit in fits.items()}
-    against = _rival_fit(found.layers[layer], found.fits[layer], rival)
+    against = rival_fit(found.layers[layer], found.fits[layer], rival)
     classes = candidate_set(likelihoods, freedom, base=before, level=looked.level)
     best = classes.best
     tried = [_judged(one, gains, classes, best) for one in tried]
     contested = False
     if against is not None and rival is not None:
-        duel = _duel(fits[best], against[1], like, before, looked.level)
-        contested = duel.members == (RIVAL,)
-        if contested and not _stands_out(against[1], looked):
+        fought = duel(fits[best], against[1], like, before, looked.level)
+        contested = fought.members == (RIVAL,)
+        if contested and not stands_out(against[1], looked):
             return _unnamed(looked, layer, tried, rival, best)
     tried.sort(key=lambda one: (one.gain is None, -(one.gain or 0.0), -one.screened.statistic))
     threshold = float(chi2.isf(looked.level, max(1, freedom[best] - found.fits[layer].freedom)))
@@ -287,25 +311,6 @@ def _chosen(
     tried = [replace(one, fit=fit) if one.key == best else one for one in tried]
     why = _reason(best, members, gains)
     return Round(looked, layer, tuple(tried), best, members, rival, why, contested)
-
-
-def _duel(effect: LayerFit, rival: LayerFit, like: LayerFit, base: Likelihood, level: float) -> Classes:
-    """Compare a fit with an effect and one with a generic term, under one noise."""
-    return candidate_set(
-        {EFFECT: effect.likelihood(like), RIVAL: rival.likelihood(like)},
-        {EFFECT: effect.freedom, RIVAL: rival.freedom},
-        base=base,
-        level=level,
-    )
-
-
-def _stands_out(fit: LayerFit, looked: Screen) -> bool:
-    """Whether an effect of the catalogue is seen beside what is in a fit."""
-    left = screen([fit.scores()], level=looked.level, draws=looked.draws)
-    return any(
-        one.effect is not None and one.untestable is None and one.p_value <= looked.level
-        for one in left.groups
-    )
 
 
 def _without_contested(found: Improvement) -> None:
@@ -343,14 +348,14 @@ def _contested(found: Improvement, one: Round, layer: str, key: str, rival: Scre
     base, level = found.base[layer].likelihood(fit), one.screen.level
     others = [other for other in fit.keys if other != key]
     if found.passes:
-        alone = _rival_fit(found.layers[layer], fit, rival, fit.keys[: fit.keys.index(key)])
-        if alone is not None and _duel(fit, alone[1], fit, base, level).members != (EFFECT,):
+        alone = rival_fit(found.layers[layer], fit, rival, fit.keys[: fit.keys.index(key)])
+        if alone is not None and duel(fit, alone[1], fit, base, level).members != (EFFECT,):
             return True
-    instead = _rival_fit(found.layers[layer], fit, rival, others)
-    if instead is None or _duel(fit, instead[1], fit, base, level).members != (RIVAL,):
+    instead = rival_fit(found.layers[layer], fit, rival, others)
+    if instead is None or duel(fit, instead[1], fit, base, level).members != (RIVAL,):
         return False
-    both = None if found.passes else _rival_fit(found.layers[layer], fit, rival, fit.keys)
-    return both is None or _duel(both[1], instead[1], fit, base, level).members != (EFFECT,)
+    both = None if found.passes else rival_fit(found.layers[layer], fit, rival, fit.keys)
+    return both is None or duel(both[1], instead[1], fit, base, level).members != (EFFECT,)
 
 
 def _unnamed(looked: Screen, layer: str, tried: Sequence[Tried], rival: Screened, best: str) -> Round:
@@ -362,40 +367,6 @@ def _unnamed(looked: Screen, layer: str, tried: Sequence[Tried], rival: Screened
     )
     why = f"{told} than {best}, the nearest in the catalogue"
     return Round(looked, layer, undone, None, (), rival, why)
-
-
-def _rival(own: Sequence[Screened], scores: LayerScores, level: float) -> Screened | None:
-    """The generic term whose one step would gain most likelihood, in an equation and not in a sensor.
-
-    Of those that stand out by themselves.
-    """
-    columns = {g.key: [s.columns[0] for s in g.shapes] for g in scores.groups if g.effect is None}
-    total, length = scores.scores.sum(axis=0), np.diag(scores.gram)
-    power = np.where(length > 0, total**2 / np.maximum(length, 1e-300), 0.0)
-    generic = [
-        one
-        for one in own
-        if one.key in columns and one.key.partition(": ")[0] not in scores.signals and one.p_value <= level
-    ]
-    return max(generic, key=lambda one: power[columns[one.key]].max(), default=None)
-
-
-def _rival_fit(
-    layer: Layer, fit: LayerFit, rival: Screened | None, keys: Sequence[str] | None = None
-) -> tuple[Layer, LayerFit] | None:
-    """The best generic term in place of an effect, fitted in full, and the layer that knows it.
-
-    keys : of the effects beside it, those of the fit unless given
-    """
-    if rival is None or rival.shape is None:
-        return None
-    with_it = layer.with_term(rival.key, rival.shape.at, fit)
-    if with_it is None:
-        return None
-    try:
-        return with_it, with_it.fitted((*(fit.keys if keys is None else keys), rival.key), start=fit)
-    except DoesNotFit:
-        return None
 
 
 def _judged(one: Tried, gains: Mapping[str, float], classes: Classes, best: str) -> Tried:
@@ -430,9 +401,8 @@ def with_term(found: Improvement) -> tuple[str, Screened] | None:
     if layer is None:
         return None
     own = [one for one in gate.groups if one.layer == layer and one.untestable is None]
-    scores = next(one.scores for one in gate.layers if one.scores.layer == layer)
-    rival = _rival(own, scores, gate.level)
-    made = _rival_fit(found.layers[layer], found.fits[layer], rival)
+    rival = rival_of(own, _signals(gate, layer), gate.level)
+    made = rival_fit(found.layers[layer], found.fits[layer], rival)
     if rival is None or made is None:
         return None
     found.layers = {**found.layers, layer: made[0]}

@@ -60,6 +60,7 @@ class Screened:
     shape : the best; None of excess power
     coefficients, covariance : (d,), (d, d) one-step estimate in units of the columns of that shape
     untestable : why nothing can be said, None where it can
+    gain : 2 log likelihood that one step would gain if whitened residuals were white, in the shape of most
     """
 
     key: str
@@ -73,6 +74,7 @@ class Screened:
     coefficients: Array
     covariance: Array
     untestable: str | None = None
+    gain: float = 0.0
 
     @property
     def size(self) -> tuple[float, float]:
@@ -235,6 +237,11 @@ class _TestedShapes:
     statistic: Array
     p_value: Array
 
+    def gain(self, number: int) -> float:
+        """Of one step of a shape, in 2 log likelihood of white innovations."""
+        first, count = int(self.parts.first[number]), int(self.parts.count[number])
+        return float(np.sum(self.parts.total[first : first + count] ** 2))
+
     def one_step(self, number: int) -> tuple[Array, Array]:
         """(d,), (d, d) estimate of the coefficients of a shape, and its covariance."""
         first, count = int(self.parts.first[number]), int(self.parts.count[number])
@@ -294,6 +301,7 @@ def _screened(
         shape=tested.shapes[best],
         coefficients=coefficients,
         covariance=covariance,
+        gain=max(tested.gain(int(number)) for number in own),
     )
 
 
