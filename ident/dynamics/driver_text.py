@@ -19,14 +19,19 @@ STAGES = (0, 1, 2, 3)
 
 SIMULATE = '''@njit(
     "void(float64[:, ::1], float64[:, ::1], float64[::1], int64[::1], float64[:, ::1],"
-    " float64[::1], int64[::1], float64[:, ::1], float64[:, ::1])",
+    " float64[::1], int64[::1], int64, int64, float64[:, ::1], float64[:, ::1])",
     **OPTIONS,
 )
-def simulate(starts, inputs, steps, offsets, parameters, runs, substeps, states, measured):
-    """Fill ``states`` and ``measured``; ``runs`` is 1 for an input that runs linearly, 0 for a held one."""
+def simulate(
+    starts, inputs, steps, offsets, parameters, runs, substeps, first, last, states, measured,
+):
+    """Fill ``states`` and ``measured`` of the segments from ``first`` to before ``last``.
+
+    ``runs`` is 1 for an input that runs linearly, 0 for a held one.
+    """
     x, z, k, total = np.empty({nx}), np.empty({nx}), np.empty({nx}), np.empty({nx})
     u, v, slope, y = np.empty({nu}), np.empty({nu}), np.empty({nu}), np.empty({ny})
-    for segment in range(starts.shape[0]):
+    for segment in range(first, last):
         p = parameters[min(segment, parameters.shape[0] - 1)]
         for i in range({nx}):
             x[i] = starts[segment, i]
@@ -77,12 +82,12 @@ OUTPUT_STATES = np.array({output_states}, dtype=np.int64)
 
 @njit(
     "void(float64[:, ::1], float64[:, ::1], float64[::1], int64[::1], float64[:, ::1],"
-    " float64[::1], int64[::1], int64[::1], float64[:, :, ::1], int64[::1],"
+    " float64[::1], int64[::1], int64, int64, int64[::1], float64[:, :, ::1], int64[::1],"
     " float64[:, ::1], float64[:, ::1], float64[:, :, ::1])",
     **OPTIONS,
 )
 def sensitivities(
-    starts, inputs, steps, offsets, parameters, runs, substeps,
+    starts, inputs, steps, offsets, parameters, runs, substeps, first, last,
     active, chain, rows, states, measured, derivatives,
 ):
     """Fill also ``derivatives`` at (rows[output], grid point, initial state or active parameter).
@@ -97,7 +102,7 @@ def sensitivities(
     chained = chain.shape[0] > 0
     s = np.empty({nx} * {stride})
     g0, g1, g2, g3 = np.zeros({gathered}), np.zeros({gathered}), np.zeros({gathered}), np.zeros({gathered})
-    for segment in range(starts.shape[0]):
+    for segment in range(first, last):
         p = parameters[min(segment, parameters.shape[0] - 1)]
         s[:] = 0.0
         for i in range({nx}):
@@ -119,9 +124,9 @@ def sensitivities(
                     derivatives[row, at, c] = 0.0
                 for e in range(OUTPUT_BEGINS[o], OUTPUT_BEGINS[o + 1]):
                     w = jy[OUTPUT_STATES[e, 0]]
-                    first = OUTPUT_STATES[e, 1] * {stride}
+                    column = OUTPUT_STATES[e, 1] * {stride}
                     for c in range(columns):
-                        derivatives[row, at, c] += w * s[first + c]
+                        derivatives[row, at, c] += w * s[column + c]
                 for a in range(active.size):
                     derivatives[row, at, {nx} + a] += jy[OUTPUT_PLACES[o, active[a]]]
                 if chained:

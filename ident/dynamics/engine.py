@@ -5,7 +5,8 @@ of what RK4 computes, exact to rounding; there are no finite differences.
 
 One call simulates many segments, each with a start and, where wanted, parameters of its own; it costs
 microseconds beside its steps, so draws and candidates over the same inputs are calls of their own. The
-compiled code releases the interpreter's lock: calls in several threads run side by side.
+compiled code releases the interpreter's lock: calls in several threads run side by side, and the segments of
+a long call are shared out over the processor's cores (``OMP_NUM_THREADS`` of them at most, where that is set).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from ident.dynamics.code import module_text
 from ident.dynamics.derivation import derive
 from ident.dynamics.driver_text import UPSTREAM
 from ident.dynamics.model_cache import cached_module
+from ident.dynamics.shares import shared_out
 from ident.dynamics.system import System
 
 Array = NDArray[np.float64]
@@ -101,7 +103,7 @@ class Engine:
         """
         arguments = self._arguments(starts, inputs, steps, offsets, parameters, held, substeps)
         states, outputs = self._results(arguments[1].shape[0])
-        self._module.simulate(*arguments, states, outputs)
+        shared_out(arguments[3], lambda *ends: self._module.simulate(*arguments, *ends, states, outputs))
         return states, outputs
 
     def sensitivities(
@@ -146,7 +148,8 @@ class Engine:
             rows[self.outputs.index(name)] = row
         states, outputs = self._results(count)
         derivatives = np.empty((len(wanted), count, len(self.states) + places.size))
-        self._module.sensitivities(*arguments, places, chain, rows, states, outputs, derivatives)
+        results = (places, chain, rows, states, outputs, derivatives)
+        shared_out(arguments[3], lambda *ends: self._module.sensitivities(*arguments, *ends, *results))
         return states, outputs, derivatives
 
     def rates(self, x: ArrayLike, u: ArrayLike, p: ArrayLike) -> Array:
