@@ -20,7 +20,8 @@ from ident.cli.tyres import tyres
 from ident.cli.validate import validate
 
 # The matrices of a fit are many and small: a BLAS with threads spends its time waiting for them.
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+for _library in ("OPENBLAS", "MKL", "BLIS"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 
 @click.group(cls=ErrorBoundary, context_settings={"help_option_names": ["-h", "--help"]})
