@@ -6,7 +6,8 @@ of what RK4 computes, exact to rounding; there are no finite differences.
 One call simulates many segments, each with a start and, where wanted, parameters of its own; it costs
 microseconds beside its steps, so draws and candidates over the same inputs are calls of their own. The
 compiled code releases the interpreter's lock: calls in several threads run side by side, and the segments of
-a long call are shared out over the processor's cores (``OMP_NUM_THREADS`` of them at most, where that is set).
+a long call are shared out over the processor's cores (``OMP_NUM_THREADS`` of them at most, where that is
+set).
 """
 
 from __future__ import annotations

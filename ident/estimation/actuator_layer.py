@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ident.errors import NotIdentifiable
 from ident.estimation.actuator_effects import ACTUATOR_EFFECTS, SLACK, EffectsProblem, with_effects
 from ident.estimation.actuator_fit import JITTER_LIMIT, fit_roughly
-from ident.estimation.actuator_layer_fit import ActuatorLayerFit, named_effects
+from ident.estimation.actuator_layer_fit import LONGEST_NOISE, ActuatorLayerFit, named_effects
 from ident.estimation.actuator_likelihood import (
     BIAS,
     DEAD_TIME,
@@ -46,7 +46,6 @@ from ident.results import Refusal
 
 Array = NDArray[np.float64]
 
-LONGEST_NOISE = 0.2  # [s] correlation time of a sensor's noise
 MARGIN = 0.05  # [s] on the dead time of the linear fit, for that of a fit with effects
 STEERING_RATIO = 20.0  # of a heavy truck, where it is not stated
 POOR = 0.3  # left over, of the measured angle

@@ -20,6 +20,7 @@ from ident.estimation.elimination import eliminate
 from ident.estimation.layer import LayerFit, LayerScores, Likelihood
 from ident.estimation.noise import Linearised
 from ident.estimation.output_error import Fit
+from ident.estimation.signal_noise import AT_CAP
 from ident.estimation.vehicle_records import Samples
 from ident.results import EffectEstimate, Estimate
 
@@ -28,8 +29,7 @@ Array = NDArray[np.float64]
 AT_THE_END = 1.01
 UNKNOWN = 1e3  # times its size: a standard error that says nothing
 MUTE = 1e-4  # of the length of a direction: less than that left tells nothing of its size
-
-
+LONGEST_NOISE = 0.2  # [s] correlation time of a sensor's noise
 FAR = 0.3  # of what the angle moves, left over
 
 
@@ -144,6 +144,11 @@ class ActuatorLayerFit:
     def noise(self) -> dict[str, float]:
         """See :class:`~ident.estimation.layer.LayerFit`."""
         return {self.signal: self.fit.noise.total_std}
+
+    def slow_noise(self) -> list[str]:
+        """See :class:`~ident.estimation.layer.LayerFit`."""
+        period = float(np.median(np.concatenate([np.diff(r.times) for r in self.problem.records])))
+        return [self.signal] if self.fit.noise.shape.lasts(period) > AT_CAP * LONGEST_NOISE else []
 
     @property
     def is_far(self) -> bool:

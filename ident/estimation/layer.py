@@ -152,6 +152,10 @@ class LayerFit(Protocol):
         """Standard deviation of the noise of each compared signal."""
         ...
 
+    def slow_noise(self) -> list[str]:
+        """Signals whose residual lasts longer than noise is taken to: that of theirs is at least as told."""
+        ...
+
     def rms(self) -> dict[str, float]:
         """Root mean square of measured minus modelled, of the runs of the fit."""
         ...

@@ -22,9 +22,9 @@ from ident.estimation.motion_scores import Projection
 from ident.estimation.motion_screen import MotionDirections, motion_directions
 from ident.estimation.motion_starts import anew, minimised
 from ident.estimation.reported_fit import reported_fit
+from ident.estimation.signal_noise import capped_noise, identify_noise
 from ident.estimation.vehicle_fit import (
     VehicleFit,
-    identify_noise,
     inflation,
     least_white,
     shift_by_run,
@@ -145,6 +145,10 @@ class MotionFit:
     def noise(self) -> dict[str, float]:
         """See :class:`~ident.estimation.layer.LayerFit`."""
         return {name: one.total_std for name, one in self.point.noise.items()}
+
+    def slow_noise(self) -> list[str]:
+        """See :class:`~ident.estimation.layer.LayerFit`."""
+        return capped_noise(self.point)
 
     def estimates(self) -> dict[str, EffectEstimate]:
         """See :class:`~ident.estimation.layer.LayerFit`."""

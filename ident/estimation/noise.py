@@ -65,6 +65,10 @@ class NoiseShape(Protocol):
         """Standard deviation of the noise over that of its innovations, at least one [-]."""
         ...
 
+    def lasts(self, period: float) -> float:
+        """Time [s] after which the noise of samples so far apart has decayed to 1/e, zero if it is white."""
+        ...
+
     def close_to(self, other: NoiseShape) -> bool:
         """Whether the two differ by less than matters to a fit."""
         ...
@@ -166,6 +170,10 @@ class AutoRegression:
         radius = self.largest_pole()
         return float(-1.0 / np.log(radius)) if radius > 0 else 0.0
 
+    def lasts(self, period: float) -> float:
+        """See :class:`NoiseShape`; that of the slowest pole."""
+        return self.correlation_samples() * period
+
 
 @dataclass(frozen=True)
 class ContinuousAr1:
@@ -191,6 +199,11 @@ class ContinuousAr1:
     def total_over_innovations(self) -> float:
         """See :class:`NoiseShape`; one by the scaling of this class."""
         return 1.0
+
+    def lasts(self, period: float) -> float:
+        """See :class:`NoiseShape`."""
+        del period
+        return self.correlation_time
 
     def close_to(self, other: NoiseShape) -> bool:
         """See :class:`NoiseShape`."""

@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 from ident.estimation.input_noise import INPUTS, NAMES, Smoothing
 from ident.estimation.noise import AutoRegression, Linearised
 from ident.estimation.noise_fit import fit_autoregression
-from ident.estimation.vehicle_fit import LONGEST_NOISE, innovation_std, shortened
+from ident.estimation.signal_noise import LONGEST_NOISE, innovation_std, shortened
 from ident.estimation.vehicle_records import MotionRecord, Windows
 
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ def own_noise(records: Sequence[MotionRecord]) -> list[OwnNoise]:
             continue
         shape = fit_autoregression(parts, highest_order=HIGHEST_ORDER)
         period = records[0].period
-        if shape.correlation_samples() * period > LONGEST_NOISE:
+        if shape.lasts(period) > LONGEST_NOISE:
             shape = shortened(shape, period)
         std = innovation_std(parts, shape)
         if std > 0.0:

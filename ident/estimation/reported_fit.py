@@ -11,8 +11,9 @@ from scipy.stats import chi2
 
 from ident.estimation.noisy_inputs import Disturbance, disturbance
 from ident.estimation.own_noise import OwnNoise
+from ident.estimation.signal_noise import identify_noise
 from ident.estimation.vehicle_covariance import widened
-from ident.estimation.vehicle_fit import VehicleFit, block_sums, fit_at, identify_noise, least_squares
+from ident.estimation.vehicle_fit import VehicleFit, block_sums, fit_at, least_squares
 from ident.estimation.vehicle_point import VehiclePoint
 
 Array = NDArray[np.float64]

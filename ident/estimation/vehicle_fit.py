@@ -1,9 +1,9 @@
 """Maximum likelihood of a vehicle model on windows of measured motion, with the noise identified.
 
 The noise of each signal is AR(p) by restricted likelihood (:mod:`ident.estimation.noise_fit`), its
-correlation time held below ``LONGEST_NOISE``: what is correlated for longer is no noise of a sensor but what
-the model lacks, and a noise model that took it up would make the fit follow the fast part of the signals
-alone.
+correlation time held below ``signal_noise.LONGEST_NOISE``: what is correlated for longer is no noise of a
+sensor but what the model lacks, and a noise model that took it up would make the fit follow the fast part of
+the signals alone.
 
 The covariance is that of the Cramér-Rao bound where the whitened residuals are white over long times too,
 wider by one factor where the scores scatter more than that. Where they are not, the model is wrong, and a
@@ -28,7 +28,7 @@ from ident.estimation.coordinates import Coordinate
 from ident.estimation.elimination import eliminate, inverse_of, triangle_of
 from ident.estimation.gauss_newton import minimise
 from ident.estimation.noise import AutoRegression, Linearised, NoiseModel, correlation_length
-from ident.estimation.noise_fit import fit_autoregression
+from ident.estimation.signal_noise import QUIET, TINY, identify_noise
 from ident.estimation.vehicle_covariance import InputScores, sandwich, told_directions, widened
 from ident.estimation.vehicle_point import VehiclePoint, white_noise
 from ident.estimation.vehicle_problem import (
@@ -41,7 +41,6 @@ from ident.estimation.vehicle_records import SignalSamples
 
 Array = NDArray[np.float64]
 
-LONGEST_NOISE = 0.25  # [s] correlation time of a sensor's noise
 NOISE_ROUNDS = 5
 FREE_ROUNDS = 2  # rounds in which the order of the noise may still change
 FIRST_LOOK = 3  # iterations from each start before the best is followed
@@ -51,9 +50,7 @@ LEAST_SHARE = 1e-3  # of the information on a direction, that a run must have fo
 INFORMATIVE = 0.05
 SETTLED = 1e-3
 SAME_WEIGHTS = 0.02
-TINY = 1e-300
 NEGLIGIBLE = 1e-2  # gain of 2 log likelihood that is no gain: a tenth of a standard deviation
-QUIET = 1e-9  # least size of a noise over the size of its signal
 
 Progress = Callable[[int, int], None]
 
@@ -226,54 +223,6 @@ def _rough_noise(point: VehiclePoint) -> dict[str, NoiseModel]:
 
 def _rows(part: Linearised) -> Array:
     return np.column_stack([part.local, part.residual])
-
-
-def identify_noise(
-    point: VehiclePoint, floor: Mapping[str, float], *, keep_order: bool
-) -> tuple[dict[str, NoiseModel], frozenset[str]]:
-    """Noise of each compared signal, and the signals for which the cap of the correlation time held."""
-    made, capped = {}, set()
-    for name, one in point.residuals.items():
-        parts = point.linearised(name)
-        like = point.noise[name].shape if keep_order else None
-        shape = fit_autoregression(parts, like)
-        if shape.correlation_samples() * one.samples.period > LONGEST_NOISE:
-            shape = shortened(shape, one.samples.period)
-            capped.add(name)
-        least = max(floor.get(name, 0.0), QUIET * float(np.abs(one.samples.values).max()), TINY)
-        std = max(innovation_std(parts, shape), least / shape.total_over_innovations())
-        made[name] = NoiseModel(shape, std)
-    return made, frozenset(capped)
-
-
-def noise_of_residuals(point: VehiclePoint, floor: Mapping[str, float]) -> dict[str, NoiseModel]:
-    """What is left of each compared signal as an autoregression of whatever colour.
-
-    Of a fit with something left that is no noise, the innovations still are that of the sensor: what the
-    model lacks changes little from sample to sample, and stands in the slow poles.
-    """
-    made = {}
-    for name in point.residuals:
-        parts = point.linearised(name)
-        shape = fit_autoregression(parts)
-        std = max(innovation_std(parts, shape), floor.get(name, 0.0) / shape.total_over_innovations(), TINY)
-        made[name] = NoiseModel(shape, std)
-    return made
-
-
-def shortened(shape: AutoRegression, period: float) -> AutoRegression:
-    """Draw the poles in until the slowest decays in LONGEST_NOISE."""
-    factor = np.exp(-period / LONGEST_NOISE) / shape.largest_pole()
-    return AutoRegression(shape.coefficients * factor ** np.arange(1, shape.coefficients.size + 1))
-
-
-def innovation_std(parts: Sequence[Linearised], shape: AutoRegression) -> float:
-    """Standard deviation of the innovations, of what no fitted column of this signal can reach."""
-    left = [eliminate(shape.whiten(part.columns(), part), part.local.shape[1]) for part in parts]
-    rows = np.vstack([one.rows for one in left])
-    rest = eliminate(triangle_of(rows), rows.shape[1] - 1)
-    freedom = len(rows) - sum(one.rank for one in left) - rest.rank
-    return float(np.sqrt(np.sum(rest.rows[:, -1] ** 2) / max(1, freedom)))
 
 
 def _alike(one: NoiseModel, other: NoiseModel) -> bool:

@@ -335,13 +335,17 @@ def _error_lines(result: ImproveResult) -> list[str]:
     rows: list[tuple[str, ...]] = [(on, "before", "after", "95 % interval", "noise floor", "gone", "unit")]
     for name in signals:
         gone = taken(result, name)
-        share = NONE if gone is None else f"{fixed(100 * gone, 0)} %"
+        lower = "≥ " if name in error.at_least else ""
+        share = NONE if gone is None else f"{lower}{fixed(100 * gone, 0)} %"
         sizes = [shown_size(name, one) for one in (error.before[name], error.after[name])]
-        noise, interval = shown_size(name, error.noise.get(name)), shown_interval(name, error.after[name])
+        noise = lower + shown_size(name, error.noise.get(name))
+        interval = shown_interval(name, error.after[name])
         rows.append((name.replace("_", " "), *sizes, interval or NONE, noise, share, signal_unit(name)[1]))
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    note = "  gone: of what is above the noise"
-    return [*("  " + _aligned(row, widths) for row in rows), note, ""]
+    notes = ["  gone: of what is above the noise"]
+    if error.at_least:
+        notes.append("  ≥: errors of the sensor that last longer are not told from the model's")
+    return [*("  " + _aligned(row, widths) for row in rows), *notes, ""]
 
 
 def _added_lines(result: ImproveResult) -> list[str]:

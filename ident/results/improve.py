@@ -198,12 +198,18 @@ class DetectableSize:
 
 @dataclass(frozen=True)
 class ErrorComparison:
-    """Error of the base and the improved model on runs that took no part in the fit."""
+    """Error of the base and the improved model on runs that took no part in the fit.
+
+    noise : standard deviation of each signal's noise
+    at_least : signals whose noise is at least that: their errors last longer than what is told from errors of
+        the model, and only what is faster counts as noise
+    """
 
     before: dict[str, ErrorRange]
     after: dict[str, ErrorRange]
     noise: dict[str, float]
     split_by: SplitBy
+    at_least: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ class Compared:
     """Errors of base and improved model in the same samples.
 
     rows : signal -> (n, 5) run, time, measured, before, after
+    noise : of each signal; at_least : those of which it is a lower limit
     by : what took no part in the fits, "none" where all did
     left_in : run -> why it was not held out; it has no rows
     """
@@ -39,6 +40,7 @@ class Compared:
     noise: dict[str, float]
     runs: list[str]
     by: SplitBy
+    at_least: list[str] = field(default_factory=list)
     left_in: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -161,7 +163,8 @@ def _gathered(
                 after.modelled[signal],
             )
             values.setdefault(signal, []).append(np.column_stack(columns))
-    return Compared({k: np.vstack(v) for k, v in values.items()}, fit.noise(), list(runs), divided.by)
+    rows = {signal: np.vstack(each) for signal, each in values.items()}
+    return Compared(rows, fit.noise(), list(runs), divided.by, fit.slow_noise())
 
 
 def error_comparison(parts: Sequence[Compared], seed: int) -> ErrorComparison:
@@ -175,7 +178,8 @@ def error_comparison(parts: Sequence[Compared], seed: int) -> ErrorComparison:
             before[signal], after[signal] = (ErrorRange(*one, unit) for one in made)
             noise[signal] = part.noise[signal]
     by: SplitBy = min((part.by for part in parts), key=WEAKEST.index, default="none")
-    return ErrorComparison(before, after, noise, by)
+    at_least = [signal for part in parts for signal in part.at_least if signal in noise]
+    return ErrorComparison(before, after, noise, by, at_least)
 
 
 def confirmation(parts: Sequence[Compared], seed: int) -> Confirmation | None:

@@ -241,7 +241,7 @@ def _noise(loaded: LoadedLogs, pair: Pair, data: Sequence[SteeringRun], fit: Run
         std=noise.std,
         total_std=noise.total_std,
         ar=[float(a) for a in noise.shape.coefficients],
-        correlation_time=noise.shape.correlation_samples() * period,
+        correlation_time=noise.shape.lasts(period),
         quantisation=quantisation,
     )
 

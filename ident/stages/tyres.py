@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from ident.errors import NotIdentifiable
 from ident.estimation.noise import AutoRegression
+from ident.estimation.signal_noise import noise_of_residuals
 from ident.estimation.tyre_estimates import Uncertainty, tyre_fit, uncertainty
 from ident.estimation.tyre_fit import SENSOR_BIAS, KindFit, criteria, fit_tyres
 from ident.estimation.tyre_scaling import fit_scaling
 from ident.estimation.tyre_start import tyre_starts
-from ident.estimation.vehicle_fit import RunAgreement, noise_of_residuals, run_agreement
+from ident.estimation.vehicle_fit import RunAgreement, run_agreement
 from ident.estimation.vehicle_problem import ACROSS, ALONG, POSITION
 from ident.glossary import AXLES, SIGNALS
 from ident.results import (

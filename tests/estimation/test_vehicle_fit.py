@@ -11,8 +11,9 @@ from plane_truck import BODY, INERTIA, NOISE, PlaneTruck, inputs, linear, magic
 from scipy.stats import kstest
 
 from ident.estimation.noise import AutoRegression, NoiseModel
+from ident.estimation.signal_noise import LONGEST_NOISE, capped_noise, identify_noise, noise_of_residuals
 from ident.estimation.tyre_fit import Body, KindFit, fit_tyres
-from ident.estimation.vehicle_fit import LONGEST_NOISE, noise_of_residuals, run_agreement, to_fixed
+from ident.estimation.vehicle_fit import run_agreement, to_fixed
 from ident.estimation.vehicle_problem import STEERING_RATIO
 
 C_F, C_R = 330e3, 417e3
@@ -87,11 +88,20 @@ def test_noise_below_the_resolution_of_a_sensor_is_not_believed():
 def test_what_is_correlated_for_a_second_is_not_taken_for_noise_of_a_sensor():
     found = fit(runs(colour=0.99))
     assert np.exp(-0.01 / LONGEST_NOISE) < 0.99
-    assert found.fit.capped
+    assert found.fit.capped == set(SENSORS)
     assert found.fit.is_coloured
     error = (found.fit.shared[:3] - np.log(list(TRUE.values()))) / std_of(found.fit.covariance)[:3]
     assert np.abs(error).max() < 3.3
     assert (std_of(found.fit.covariance) > 3 * std_of(plain().fit.covariance)).all()
+
+
+def test_only_slow_noise_is_told_as_a_lower_limit():
+    slow, quick = fit(runs(colour=0.99)).fit, plain().fit
+    unweighed = slow.point.with_noise(identify_noise(slow.point, {}, keep_order=False)[0])
+    assert set(capped_noise(unweighed)) == set(SENSORS)
+    assert not capped_noise(quick.point)
+    for name in SENSORS:
+        assert unweighed.noise[name].total_std < 0.8 * SIZES[name], name
 
 
 def test_the_exact_model_is_hardly_ever_called_coloured():

@@ -71,6 +71,11 @@ def errors(result: ImproveResult) -> Table:
     ]
     rows = [_error_row(result, signal) for signal in signals_of(result)]
     notes = ["below each value its 95 % interval; green: within 1.1 times the noise floor"]
+    if result.error.at_least:
+        notes.append(
+            "≥: errors of the sensor that last longer cannot be told from errors of the model; its noise is "
+            "at least so large, and the model may be better than the last columns say"
+        )
     return Table(columns, rows, notes=notes, download="improve_errors.csv", records=_records(result))
 
 
@@ -78,14 +83,17 @@ def _error_row(result: ImproveResult, signal: str) -> list[Cell]:
     before, after = result.error.before[signal], result.error.after[signal]
     floor, gone = result.error.noise.get(signal), taken(result, signal)
     ratio = None if not floor else after.value / floor
+    limit = signal in result.error.at_least
     tone: Tone = "plain" if ratio is None else "good" if ratio <= NEAR_NOISE else "caution"
+    tone = "plain" if limit and tone == "caution" else tone
+    upper, lower = ("≤\u00a0", "≥\u00a0") if limit else ("", "")
     return [
         Cell(signal_head(signal)),
         _error_cell(signal, before),
         _error_cell(signal, after),
-        Cell(shown(signal, floor), tone="muted"),
-        Cell(significant(ratio), raw=ratio, tone=tone, badge=ratio is not None),
-        Cell(NONE if gone is None else f"{fixed(100 * gone, 0)}\u00a0%", raw=gone),
+        Cell(lower + shown(signal, floor), tone="muted"),
+        Cell(upper + significant(ratio), raw=ratio, tone=tone, badge=ratio is not None),
+        Cell(NONE if gone is None else f"{lower}{fixed(100 * gone, 0)}\u00a0%", raw=gone),
     ]
 
 

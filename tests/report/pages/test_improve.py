@@ -7,8 +7,10 @@ import plotly.graph_objects as go
 import pytest
 
 from ident.report.html import _plain, render, table_json
+from ident.report.improved import signals_of, taken
 from ident.report.page import Code, Columns, Details, Equation, Facts, Figure, Lines, Table
 from ident.report.pages.improve import improve_page
+from ident.report.summary import describe_improve
 from ident.results import Confirmation, ErrorComparison, ErrorRange, Refusal
 
 VERDICTS = ("named", "equivalent", "unexplained", "adequate", "actuator", "sensors")
@@ -347,6 +349,24 @@ def test_signals_without_a_noise_floor_are_told_and_left_out_of_the_figure(impro
     assert [cell.text for cell in row[1:]] == ["10.0", "4.00", "–", "–", "–"]
     assert "Error over noise floor" not in str(one(page.lead, Figure).spec)
     assert dict(one(page.lead[0].blocks[1], Facts).cells())["held out"].text.startswith("nothing")
+
+
+def test_a_noise_floor_that_is_a_lower_limit_is_told_as_one(improve_cases):
+    result, tables = improve_cases["named"]
+    signal = next(name for name in signals_of(result) if taken(result, name) is not None)
+    limit = replace(result, error=replace(result.error, at_least=[signal]))
+    plain, told = (one(improve_page(each, tables).lead[0].blocks[0], Table) for each in (result, limit))
+    place = signals_of(result).index(signal)
+    for number, (before, after) in enumerate(zip(plain.rows[place], told.rows[place], strict=True)):
+        sign = {3: "≥\u00a0", 4: "≤\u00a0", 5: "≥\u00a0"}.get(number, "")
+        assert after.text == sign + before.text
+    assert told.rows[place][4].tone != "caution"
+    assert [row for n, row in enumerate(told.rows) if n != place] == [
+        row for n, row in enumerate(plain.rows) if n != place
+    ]
+    assert len(told.notes) == len(plain.notes) + 1
+    assert "≥ " in describe_improve(limit)
+    assert "≥" not in describe_improve(result)
 
 
 def test_many_runs_are_drawn_in_part_and_that_is_said(improve_cases):
