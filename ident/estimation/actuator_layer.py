@@ -301,6 +301,7 @@ class ActuatorLayer:
             typical=self.scale * effect.size.typical,
             equation=effect.equation,
             meaning=effect.meaning,
+            meanings={effect.size.name: effect.size.meaning},
             shown_by=effect.shown_by,
             positive=False,  # a full fit says whether it is possible: its direction is no derivative
         )

@@ -111,8 +111,18 @@ def test_nothing_scores_high_where_nothing_is_missing(layers: dict[str, Actuator
     base = layers["none"].fitted()
     np.testing.assert_allclose(base.fit.shared[:BIAS], [1.0, 0.1, 0.28, 0.016 / 0.28**2], rtol=0.01)
     assert base.noise()["steering_wheel_angle"] == pytest.approx(NOISE, rel=0.05)
+    assert base.slow_noise() == []
     # Of about 60 directions, a dozen of them independent: chi-squared of one degree of freedom.
     assert max(statistics(base.scores()).values()) < 18
+
+
+@pytest.mark.parametrize("name", TRUE)
+def test_every_effect_has_a_card(name: str, layers: dict[str, ActuatorLayer]) -> None:
+    card = layers["none"].effect(name)
+    assert card.name == name
+    assert card.unit
+    assert card.meaning
+    assert card.meanings[card.size]
 
 
 @pytest.mark.parametrize("name", TRUE)
