@@ -7,6 +7,7 @@ known, and the longest is taken whose estimate still agrees with all shorter one
 intervals, Goldenshluger and Nemirovski 1997; Katkovnik 1999): long where the wheel is held, short where it
 turns. Where a wheel stops within a few hundredths of a second, even the shortest span swings beyond by some
 tenths of a milliradian, which a play would hold: what contradicts the sample itself is not taken.
+Where the wheel rests, means over the rest replace what reaches beyond it (:mod:`ident.estimation.rests`).
 """
 
 from __future__ import annotations
@@ -19,9 +20,11 @@ from scipy.signal import lfilter
 
 from ident.estimation.input_noise import Smoothing
 from ident.estimation.own_noise import OwnNoise
+from ident.estimation.rests import take_rests
 from ident.estimation.vehicle_records import COLUMNS, Windows
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 SPANS, ORDER = (0.3, 0.5, 0.8, 1.2, 2.0, 3.0), 5  # [s]
 AGREE = 1.25  # standard deviations on either side, within which two estimates agree
@@ -46,7 +49,7 @@ def smoothed_stretch(values: Array, noise: OwnNoise, period: float) -> Array:
     answer = _answer(noise, period)
     reach = CONTRADICTS * float(np.linalg.norm(answer))
     low, high = values - reach, values + reach
-    made, alive = values.copy(), np.ones(values.size, dtype=bool)
+    made, alive, reached = values.copy(), np.ones(values.size, dtype=bool), np.zeros(values.size, np.intp)
     for span in SPANS:
         smoothing = Smoothing(span, ORDER)
         weights = smoothing.weights(period)
@@ -56,7 +59,8 @@ def smoothed_stretch(values: Array, noise: OwnNoise, period: float) -> Array:
         reach = AGREE * float(np.linalg.norm(np.convolve(answer, weights)))
         low, high = np.maximum(low, estimate - reach), np.minimum(high, estimate + reach)
         alive &= low <= high
-        made[alive] = estimate[alive]
+        made[alive], reached[alive] = estimate[alive], weights.size // 2
+    take_rests(values, made, reached, answer, period)
     return made
 
 

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
 from zlib import crc32
 
@@ -55,7 +56,7 @@ class Smoothing:
     def weights(self, period: float) -> Array:
         """(k,) of the samples around the one that is smoothed; of that alone where nothing is."""
         count = 2 * round(self.span / period / 2) + 1
-        return savgol_coeffs(count, self.order) if count > self.order else np.ones(1)
+        return _weights(count, self.order) if count > self.order else np.ones(1)
 
     def of(self, values: Array, period: float) -> Array:
         """(n,) or (n, c) smoothed along the first axis; what is shorter than the span stays as it is."""
@@ -63,6 +64,11 @@ class Smoothing:
         if not self.order < count <= len(values):
             return values
         return np.asarray(savgol_filter(values, count, self.order, axis=0))
+
+
+@cache
+def _weights(count: int, order: int) -> Array:
+    return np.asarray(savgol_coeffs(count, order))
 
 
 INPUTS = {"road_wheel_angle": Smoothing(0.3, 5), "speed": Smoothing(0.5, 3)}

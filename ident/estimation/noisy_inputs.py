@@ -10,9 +10,8 @@ and a play comes out too wide. Both, how much and how differently each time, is 
 inputs as smoothed are taken for the true ones, noise is drawn, added in pairs of opposite signs so that all
 that is linear cancels in the mean, and smoothed likewise; what changes in the outputs is what the fit took
 for a change of its parameters (parametric bootstrap, Efron and Tibshirani 1993, chapter 10). The inputs that
-are taken for the true ones still hold a part of their noise, so that the shift comes out too small, by half
-where a wheel is turned and held in turn, and may have the wrong sign where it is small. It is not taken back:
-its square counts in the covariance.
+are taken for the true ones still hold a part of their noise, so that the shift comes out too small, and may
+have the wrong sign where it is small. It is not taken back: its square counts in the covariance.
 """
 
 from __future__ import annotations

@@ -7,8 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motion_case import TRUE, coloured, layer_of, records
+from generator.injected_actuator import play
+from motion_case import TRUCK, TRUE, coloured, layer_of, records
 from numpy.typing import NDArray
+from plane_truck import inputs
 from scipy.signal import freqz, lfilter
 
 from ident.estimation.input_noise import INPUTS
@@ -128,3 +130,17 @@ def test_a_play_scatters_and_is_shifted_as_the_draws_say() -> None:
     assert abs(np.mean(seen)) > 4 * np.std(of_pairs, ddof=1) / np.sqrt(of_pairs.size), "there is a shift"
     assert np.mean(shift) == pytest.approx(np.mean(seen), rel=0.3)
     assert np.mean(spread) == pytest.approx(np.std(seen, ddof=1), rel=0.3)
+
+
+def test_a_play_is_not_wider_by_the_noise_of_a_wheel_that_is_turned_and_held() -> None:
+    given = []
+    for number in range(3):
+        _, speed = inputs(40.0, seed=number)
+        angle = held(TRUCK.drive(np.zeros(speed.size), speed, run=number), number)
+        driven = TRUCK.drive(play(angle, WIDTH), speed, run=number, seed=number)
+        noise = noise_of(angle.size, 1000 + number)
+        given.append(replace(driven, road_wheel_angle=angle + noise))
+    fit = layer_of(given).fitted(("steering_linkage_play",)).renoised()
+    width = fit.estimates()["steering_linkage_play"].parameters["width"]
+    assert width.std < 0.005 * WIDTH
+    assert abs(width.value - WIDTH) < min(3 * width.std, 0.005 * WIDTH)
