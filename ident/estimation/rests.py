@@ -3,7 +3,8 @@
 A wheel that comes to rest has a corner there. A polynomial over the corner swings beyond it by less than the
 noise of a sample, but a play holds that for as long as the wheel rests, and seems wider by it. A mean over
 the rest alone does not. The rest is where the angle does not move by more than noise does: over a fifth of a
-second, which tells its ends; then over longer and longer times within these ends, for a better mean.
+second, which tells its ends; then over half a second at least within these ends, and for a better mean over
+longer and longer times.
 """
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ def take_rests(values: Array, made: Array, reached: Index, answer: Array, period
         count = round(span / period)
         if max(ORDER, ENDS[0]) < count <= values.size:
             rest = _rests(values, count, answer, rest)
-            _take_means(values, made, reached, count, rest)
+            if span > SPANS[0]:
+                _take_means(values, made, reached, count, rest)
 
 
 def _rests(values: Array, count: int, answer: Array, within: Flags) -> Flags:
