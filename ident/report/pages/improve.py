@@ -92,7 +92,9 @@ def _effects(result: ImproveResult) -> list[Block]:
     if result.discovered is not None:
         blocks += _discovered(result.discovered)
     share = {name: one for found in _added(result) for name, one in found.share.items()}
-    blocks += [Lines(_shares(share, together=len(_added(result)) > 1))] if share else []
+    blocks += (
+        [Lines(_shares(share, result.error.at_least, together=len(_added(result)) > 1))] if share else []
+    )
     return blocks or [Text(_nothing(result), "muted")]
 
 
@@ -134,8 +136,12 @@ def _agreement(p: float) -> str:
     return "the runs agree on its size"
 
 
-def _shares(share: Mapping[str, float], *, together: bool) -> list[tuple[str, str]]:
-    parts = [f"{name.replace('_', ' ')} {fixed(100 * share[name], 0)}\u00a0%" for name in in_order(share)]
+def _shares(share: Mapping[str, float], at_least: Sequence[str], *, together: bool) -> list[tuple[str, str]]:
+    limits = {name: "at least " if name in at_least else "" for name in share}
+    parts = [
+        f"{name.replace('_', ' ')} {limits[name]}{fixed(100 * share[name], 0)}\u00a0%"
+        for name in in_order(share)
+    ]
     head = "All together take away" if together else "Takes away"
     return [(f"{head}, of the error above the noise:", f"{', '.join(parts)}.")]
 
