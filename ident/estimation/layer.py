@@ -225,7 +225,7 @@ class HeldOut:
 
     errors : signal -> (n,) measured minus modelled; run, time : signal -> (n,) place of the run among those
         that were asked for, [s]
-    modelled : signal -> (n,)
+    modelled : signal -> (n,); of the position along its measured path and across it [m]
     likelihood : by the noise of the fit
     """
 

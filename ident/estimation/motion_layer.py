@@ -51,13 +51,14 @@ from ident.estimation.motion_starts import (
     terms_of_runs,
 )
 from ident.estimation.own_noise import OwnNoise, own_noise
+from ident.estimation.path_parts import travelled
 from ident.estimation.tyre_fit import BANK, SENSOR_BIAS, WINDOW, Body, coordinates_of
 from ident.estimation.vehicle_fit import (
     rough_point,
 )
 from ident.estimation.vehicle_inputs import Around, begin_terms
 from ident.estimation.vehicle_point import VehiclePoint
-from ident.estimation.vehicle_problem import VehicleProblem
+from ident.estimation.vehicle_problem import ACROSS, ALONG, POSITION, VehicleProblem
 from ident.estimation.vehicle_records import MotionRecord, Windows, cut
 from ident.glossary import AXLES
 from ident.results import Refusal
@@ -341,9 +342,13 @@ class MotionLayer:
 def _errors(point: VehiclePoint) -> HeldOut:
     residuals = point.residuals
     windows = point.problem.windows
+    measured = {name: one.samples.values for name, one in residuals.items()}
+    if ALONG in residuals:
+        along = travelled(windows, *(windows.signals[name] for name in POSITION))
+        measured |= {ALONG: along, ACROSS: np.zeros_like(along)}
     return HeldOut(
         errors={name: one.residual for name, one in residuals.items()},
-        modelled={name: one.samples.values - one.residual for name, one in residuals.items()},
+        modelled={name: measured[name] - one.residual for name, one in residuals.items()},
         run={name: windows.run[one.samples.window] for name, one in residuals.items()},
         time={name: one.samples.times for name, one in residuals.items()},
         likelihood=Projection(point).likelihood(),

@@ -28,6 +28,16 @@ def direction_of_travel(x: SignalSamples, y: SignalSamples) -> Array:
     return direction
 
 
+def travelled(windows: Windows, x: SignalSamples, y: SignalSamples) -> Array:
+    """(n,) distance along the measured path from where its run begins [m], from one sample to the next."""
+    run, course = windows.run[x.window], direction_of_travel(x, y)
+    middle = course[:-1] + 0.5 * np.diff(np.unwrap(course))
+    step = np.cos(middle) * np.diff(x.values) + np.sin(middle) * np.diff(y.values)
+    total = np.concatenate([[0.0], np.cumsum(step)])
+    _, first, number = np.unique(run, return_index=True, return_inverse=True)
+    return np.asarray(total - total[first[number]])
+
+
 def _direction(times: Array, x: Array, y: Array) -> Array:
     """Direction of travel from positions around each; kept where hardly anything moves."""
     if times.size < 2:

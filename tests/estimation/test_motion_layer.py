@@ -144,6 +144,21 @@ def test_a_run_that_took_no_part_has_the_error_of_the_sensors_with_the_effects_a
     assert after.likelihood.values.sum() > before.likelihood.values.sum()
 
 
+def test_the_position_along_and_across_is_that_on_the_measured_path() -> None:
+    given = records(seconds=30.0)
+    found = layer_of(given).held_out(layer_of(given).fitted(), ["run_0", "run_1"])
+    for number, record in enumerate(given):
+        along, across = (
+            (found.errors[name] + found.modelled[name])[found.run[name] == number]
+            for name in ("position_along", "position_across")
+        )
+        times = found.time["position_along"][found.run["position_along"] == number]
+        speed = np.interp(times, record.times, record.speed)
+        driven = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(times))])
+        np.testing.assert_allclose(along, driven, rtol=0, atol=0.15)
+        assert not across.any()
+
+
 def test_colour_that_was_of_what_the_model_lacked_is_identified_anew_once_that_is_in() -> None:
     """A base that is far off has a heading without noise of its own to see; the fit with the effects has."""
     base = layer().fitted()
