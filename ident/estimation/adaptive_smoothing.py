@@ -34,26 +34,33 @@ REMEMBERED = 4.0  # [s] after which an autoregression has forgotten an innovatio
 
 
 def adaptively_smoothed(windows: Windows, inputs: Array, noises: Sequence[OwnNoise]) -> Array:
-    """(N, 2) inputs of windows, the angle smoothed; ``noises`` : of these inputs as they are given."""
+    """Smooth the angle among inputs of windows.
+
+    Parameters
+    ----------
+    inputs : (N, 2), or (N, 2, c) of as many draws
+    noises : of these inputs as they are given
+    """
     made = inputs.copy()
     for noise in (one for one in noises if one.name in ANGLES):
         column = COLUMNS.index(noise.name)
         for stretch in windows.stretches:
             whole, period = stretch.whole(inputs[:, column]), float(windows.steps[stretch.rows[0]])
-            made[stretch.rows, column] = smoothed_stretch(whole, noise, period)[stretch.place]
+            smooth = smoothed_stretch(whole.reshape(len(whole), -1), noise, period)[stretch.place]
+            made[stretch.rows, column] = smooth.reshape(made[stretch.rows, column].shape)
     return made
 
 
 def smoothed_stretch(values: Array, noise: OwnNoise, period: float) -> Array:
-    """(n,) one stretch, over the longest span that agrees at each sample; ``period`` of its grid [s]."""
+    """(n, c) one stretch, over the longest span that agrees at each sample; ``period`` of its grid [s]."""
     answer = _answer(noise, period)
     reach = CONTRADICTS * float(np.linalg.norm(answer))
     low, high = values - reach, values + reach
-    made, alive, reached = values.copy(), np.ones(values.size, dtype=bool), np.zeros(values.size, np.intp)
+    made, alive, reached = values.copy(), np.ones(values.shape, dtype=bool), np.zeros(values.shape, np.intp)
     for span in SPANS:
         smoothing = Smoothing(span, ORDER)
         weights = smoothing.weights(period)
-        if values.size < weights.size:
+        if len(values) < weights.size:
             break
         estimate = smoothing.of(values, period)
         reach = AGREE * float(np.linalg.norm(np.convolve(answer, weights)))

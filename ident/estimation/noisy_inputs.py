@@ -77,9 +77,10 @@ def _changes(point: VehiclePoint, noises: Sequence[OwnNoise]) -> dict[str, Array
     drawn = np.zeros((*windows.inputs.shape, half))
     for one in noises:
         drawn[:, COLUMNS.index(one.name)] = one.drawn(windows, half, SEED)
-    noisy = windows.inputs + np.moveaxis(np.concatenate([drawn, -drawn], axis=2), 2, 0)
+    noisy = windows.inputs[:, :, None] + np.concatenate([drawn, -drawn], axis=2)
+    smooth = np.moveaxis(adaptively_smoothed(windows, noisy, noises), 2, 0)
     before = modelled(point, windows.inputs)
-    after = [modelled(point, adaptively_smoothed(windows, inputs, noises)) for inputs in noisy]
+    after = [modelled(point, np.ascontiguousarray(inputs)) for inputs in smooth]
     return {name: np.column_stack([one[name] - of for one in after]) for name, of in before.items()}
 
 

@@ -26,70 +26,79 @@ ENDS = (1, 2, 4, 8)  # samples at either end, whose mean shows what moves there
 
 
 def take_rests(values: Array, made: Array, reached: Index, answer: Array, period: float) -> None:
-    """Put means over rests into a smoothed angle.
+    """Put means over rests into smoothed angles.
 
     Parameters
     ----------
-    values : (n,) angle as measured, of one stretch; period : of its grid [s]
-    made, reached : (n,) smoothed angle, and how many samples on either side each is of; changed
+    values : (n, c) angles as measured, c of one stretch; period : of its grid [s]
+    made, reached : (n, c) smoothed angles, and how many samples on either side each is of; changed
     answer : (k,) of the noise to one innovation
     """
-    rest = np.ones(values.size, dtype=bool)
+    rest = np.ones(values.shape, dtype=bool)
     for span in SPANS:
         count = round(span / period)
-        if max(ORDER, ENDS[0]) < count <= values.size:
+        if max(ORDER, ENDS[0]) < count <= len(values):
             rest = _rests(values, count, answer, rest)
             if span > SPANS[0]:
                 _take_means(values, made, reached, count, rest)
 
 
 def _rests(values: Array, count: int, answer: Array, within: Flags) -> Flags:
-    """(n,) whether a sample is one of ``count`` in a row, all of them ``within``, that do not move."""
+    """(n, c) whether a sample is one of ``count`` in a row, all of them ``within``, that do not move."""
     inside = _sums(within.astype(np.float64), count) > count - 0.5
-    begins = np.flatnonzero(_still(values, count, answer) & inside)
-    change = np.bincount(begins, minlength=values.size + 1) - np.bincount(
-        begins + count, minlength=values.size + 1
-    )
-    return np.asarray(np.cumsum(change)[:-1] > 0)
+    begin = (_still(values, count, answer) & inside).astype(np.intp)
+    change = np.zeros((len(values) + 1, values.shape[1]), np.intp)
+    change[: len(begin)] += begin
+    change[count:] -= begin
+    return np.asarray(np.cumsum(change[:-1], axis=0) > 0)
 
 
 def _take_means(values: Array, made: Array, reached: Index, count: int, rest: Flags) -> None:
     """Take means over ``count`` samples of a rest, where what is there is of fewer or reaches beyond it."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]])))
     means = _sums(values, count) / count
-    for begin, end in edges.reshape(-1, 2):
-        place = np.arange(begin, end)
-        beyond = (place - reached[place] < begin) | (place + reached[place] >= end)
-        taken = place[beyond | (2 * reached[place] < count)]
-        made[taken] = means[np.clip(taken - count // 2, begin, end - count)]
-        reached[taken] = count // 2
+    ends = np.zeros((1, values.shape[1]), dtype=bool)
+    columns, edges = np.nonzero(np.diff(np.concatenate([ends, rest, ends]), axis=0).T)
+    for column, (begin, end) in zip(columns[::2], edges.reshape(-1, 2), strict=True):
+        place, reach = np.arange(begin, end), reached[begin:end, column]
+        beyond = (place - reach < begin) | (place + reach >= end)
+        taken = place[beyond | (2 * reach < count)]
+        made[taken, column] = means[np.clip(taken - count // 2, begin, end - count), column]
+        reached[taken, column] = count // 2
 
 
 def _sums(values: Array, count: int) -> Array:
-    """(n - count + 1,) over successive samples."""
-    total = np.concatenate([[0.0], np.cumsum(values - values[0])])
+    """(n - count + 1, c) over successive samples."""
+    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values - values[0], axis=0)])
     return np.asarray(total[count:] - total[:-count] + count * values[0])
 
 
 def _still(values: Array, count: int, answer: Array) -> Flags:
-    """(n - count + 1,) whether the angle does not move over ``count`` samples from each on, but for noise."""
-    weights = _weights(answer.tobytes(), count)
-    told = oaconvolve((values - values[0])[None, :], weights[:, ::-1], mode="valid", axes=1) ** 2
-    whole, ends = told[:ORDER].sum(axis=0), told[ORDER:].max(axis=0)
-    return np.asarray((whole < chi2.isf(STILL, ORDER)) & (ends < chi2.isf(STILL, 1)))
+    """(n - count + 1, c) whether an angle does not move over ``count`` samples from each on, but for noise.
+
+    Told by the coefficients of a polynomial, and by the mean of the first or last few samples against that
+    of the others.
+    """
+    weights, lengths = _moves(answer.tobytes(), count)
+    about = values - values[0]
+    whole = sum(oaconvolve(about, row[::-1, None], mode="valid", axes=0) ** 2 for row in weights)
+    still = np.asarray(whole < chi2.isf(STILL, ORDER))
+    most, total, last = np.sqrt(chi2.isf(STILL, 1)), _sums(about, count), len(about) - count + 1
+    for few, length in zip(ENDS, lengths, strict=True):
+        part, least = _sums(about, few), most * length
+        for some in (part[:last], part[count - few :]):
+            still &= np.abs(some / few - (total - some) / max(count - few, 1)) < least
+    return still
 
 
 @lru_cache(maxsize=64)
-def _weights(answer: bytes, count: int) -> Array:
-    """(ORDER + 2 len(ENDS), count) what shows a motion, in standard deviations of what noise makes of it.
+def _moves(answer: bytes, count: int) -> tuple[Array, list[float]]:
+    """(ORDER, count) weights that give the coefficients, in standard deviations of what noise makes of them.
 
-    Coefficients of a polynomial, then the mean of the first or last few samples against that of the others.
+    And the standard deviation of what it makes of the first few samples against the others.
     """
+    noise, place = np.frombuffer(answer), np.arange(count)
     powers = np.vander(np.linspace(-1.0, 1.0, count), ORDER + 1, increasing=True)
-    rows = list(np.linalg.qr(powers)[0][:, 1:].T)
-    place = np.arange(count)
-    for few in ENDS:
-        contrast = np.where(place < few, 1.0 / few, -1.0 / max(count - few, 1))
-        rows += [contrast, contrast[::-1]]
-    noise = np.frombuffer(answer)
-    return np.array([row / np.linalg.norm(np.convolve(noise, row)) for row in rows])
+    rows = np.linalg.qr(powers)[0][:, 1:].T
+    against = [np.where(place < few, 1.0 / few, -1.0 / max(count - few, 1)) for few in ENDS]
+    scaled = [row / np.linalg.norm(np.convolve(noise, row)) for row in rows]
+    return np.array(scaled), [float(np.linalg.norm(np.convolve(noise, one))) for one in against]

@@ -33,9 +33,9 @@ def held(turning: float, rest: float) -> Array:
 
 def taken(values: Array) -> tuple[Array, Array]:
     """Estimates where rests are, and where that is; nothing is smoothed before."""
-    made, reached = values.copy(), np.zeros(values.size, dtype=np.intp)
-    take_rests(values, made, reached, MEMORY, PERIOD)
-    return made, reached > 0
+    made, reached = values[:, None].copy(), np.zeros((values.size, 1), dtype=np.intp)
+    take_rests(values[:, None], made, reached, MEMORY, PERIOD)
+    return made[:, 0], reached[:, 0] > 0
 
 
 @pytest.mark.parametrize("rest", [0.6, 2.0, 5.0])
@@ -70,8 +70,8 @@ def test_a_slow_drift_is_followed() -> None:
 
 
 def test_without_noise_only_what_is_exactly_still_rests() -> None:
-    true = held(0.4, 2.0)
-    made, reached = true.copy(), np.zeros(true.size, dtype=np.intp)
+    true = held(0.4, 2.0)[:, None]
+    made, reached = true.copy(), np.zeros(true.shape, dtype=np.intp)
     take_rests(true, made, reached, 1e-6 * MEMORY, PERIOD)
     np.testing.assert_allclose(made, true, rtol=0, atol=1e-9)
 
@@ -81,3 +81,14 @@ def test_a_record_shorter_than_a_rest_stays_as_it_is() -> None:
     made, resting = taken(values)
     np.testing.assert_array_equal(made, values)
     assert not resting.any()
+
+
+def test_several_angles_at_once_are_each_treated_as_alone() -> None:
+    true = held(0.4, 2.0)
+    values = np.column_stack([true + noise_of(true.size, seed) for seed in range(3)])
+    made, reached = values.copy(), np.zeros(values.shape, dtype=np.intp)
+    take_rests(values, made, reached, MEMORY, PERIOD)
+    for column in range(3):
+        alone, resting = taken(values[:, column])
+        np.testing.assert_allclose(made[:, column], alone, rtol=0, atol=1e-15)
+        np.testing.assert_array_equal(reached[:, column] > 0, resting)
