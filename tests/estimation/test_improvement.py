@@ -78,6 +78,27 @@ def test_where_only_the_size_of_residuals_tells_candidates_need_to_stand_out_by_
     assert seen >= 4
 
 
+def test_what_gains_most_is_fitted_though_its_score_scatters_and_something_else_stands_out() -> None:
+    """One step is far from enough for an effect that is large in few places; here it acts unevenly."""
+    seen = 0
+    for seed in range(24):
+        layer = made_layer({"e4": -0.25}, seed, positive=frozenset({"e4"}))
+        blocks = np.random.default_rng([seed, 8]).standard_normal(column(3).size // 160 + 1)
+        uneven = column(3) * np.repeat(0.5 + 0.9 * blocks, 160)[: column(3).size]
+        first = improved(replace(layer, values=layer.values + uneven), seed=seed).rounds[0]
+        if not first.screen.rejected:
+            continue
+        score, other = first.screen.of("e3"), first.screen.of("e4")
+        foremost = score.p_marginal <= 0.05 and score.gain > other.gain
+        if score.p_value <= 0.05 or other.p_value > 0.05 or not foremost:
+            continue
+        seen += 1
+        assert score.gain > max(g.gain for g in first.screen.groups if g.key != "e3")
+        assert score.gain > 3 * score.statistic
+        assert tried(Improvement({}, {}, {}, [first]), "e3").gain > 50
+    assert seen >= 4
+
+
 def test_two_effects_are_found_one_after_another_the_larger_first() -> None:
     found = improved(made_layer({"e2": 0.2, "e5": -0.4}, 1))
     assert found.added == [("motion", "e5"), ("motion", "e2")]
