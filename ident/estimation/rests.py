@@ -3,8 +3,8 @@
 A wheel that comes to rest has a corner there. A polynomial over the corner swings beyond it by less than the
 noise of a sample, but a play holds that for as long as the wheel rests, and seems wider by it. A mean over
 the rest alone does not. The rest is where the angle does not move by more than noise does: over a fifth of a
-second, which tells its ends; then over half a second at least within these ends, and for a better mean over
-longer and longer times.
+second, which tells its ends, and over two seconds at least within these ends. In less time a slow motion
+hides in the noise (measured: over half a second, slow driving at 50 Hz has an error 6 % larger than without).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Flags = NDArray[np.bool_]
 
-SPANS, STILL = (0.2, 0.5, 1.0, 2.0, 4.0), 1e-3  # [s], and p-value of what moves in that time
+SPANS, STILL = (0.2, 2.0, 4.0), 1e-3  # [s], and p-value of what moves in that time
 ORDER = 4  # of the polynomial that shows what moves on the whole
 ENDS = (1, 2, 4, 8)  # samples at either end, whose mean shows what moves there
 
