@@ -34,31 +34,41 @@ def take_rests(values: Array, made: Array, reached: Index, answer: Array, period
     made, reached : (n, c) smoothed angles, and how many samples on either side each is of; changed
     answer : (k,) of the noise to one innovation
     """
-    rest = np.ones(values.shape, dtype=bool)
+    within = np.ones(values.shape, dtype=bool)
     for span in SPANS:
         count = round(span / period)
-        if max(ORDER, ENDS[0]) < count <= len(values):
-            rest = _rests(values, count, answer, rest)
+        if ORDER < count <= len(values):
+            inside = _sums(within.astype(np.float64), count) > count - 0.5
+            still = _still(values, count, answer) & inside
+            within = _covered(still, count)
             if span > SPANS[0]:
-                _take_means(values, made, reached, count, rest)
+                _take_means(values, made, reached, count, still)
 
 
-def _rests(values: Array, count: int, answer: Array, within: Flags) -> Flags:
-    """(n, c) whether a sample is one of ``count`` in a row, all of them ``within``, that do not move."""
-    inside = _sums(within.astype(np.float64), count) > count - 0.5
-    begin = (_still(values, count, answer) & inside).astype(np.intp)
-    change = np.zeros((len(values) + 1, values.shape[1]), np.intp)
-    change[: len(begin)] += begin
-    change[count:] -= begin
+def _covered(begins: Flags, count: int) -> Flags:
+    """(n, c) whether a sample is one of so many from a begin on; ``begins`` : where they may be."""
+    change = np.zeros((len(begins) + count, begins.shape[1]), np.intp)
+    change[: len(begins)] += begins
+    change[count:] -= begins
     return np.asarray(np.cumsum(change[:-1], axis=0) > 0)
 
 
-def _take_means(values: Array, made: Array, reached: Index, count: int, rest: Flags) -> None:
-    """Take means over ``count`` samples of a rest, where what is there is of fewer or reaches beyond it."""
-    means = _sums(values, count) / count
-    ends = np.zeros((1, values.shape[1]), dtype=bool)
-    columns, edges = np.nonzero(np.diff(np.concatenate([ends, rest, ends]), axis=0).T)
-    for column, (begin, end) in zip(columns[::2], edges.reshape(-1, 2), strict=True):
+def _take_means(values: Array, made: Array, reached: Index, count: int, still: Flags) -> None:
+    """Take means over ``count`` samples of a rest, where what is there is of fewer or reaches beyond it.
+
+    still : (n - count + 1, c) whether so many samples from each on rest. Two samples belong to one rest if
+        they rest together: where an angle jumps, two rests touch.
+    """
+    means, rest, apart = (
+        _sums(values, count) / count,
+        _covered(still, count),
+        np.ones((1, values.shape[1]), bool),
+    )
+    joined = _covered(still, count - 1)[: len(values) - 1]
+    begins = rest & np.concatenate([apart, ~joined])
+    ends = rest & np.concatenate([~joined, apart])
+    columns, firsts = np.nonzero(begins.T)
+    for column, begin, end in zip(columns, firsts, np.nonzero(ends.T)[1] + 1, strict=True):
         place, reach = np.arange(begin, end), reached[begin:end, column]
         beyond = (place - reach < begin) | (place + reach >= end)
         taken = place[beyond | (2 * reach < count)]
@@ -82,23 +92,23 @@ def _still(values: Array, count: int, answer: Array) -> Flags:
     about = values - values[0]
     whole = sum(oaconvolve(about, row[::-1, None], mode="valid", axes=0) ** 2 for row in weights)
     still = np.asarray(whole < chi2.isf(STILL, ORDER))
-    most, total, last = np.sqrt(chi2.isf(STILL, 1)), _sums(about, count), len(about) - count + 1
-    for few, length in zip(ENDS, lengths, strict=True):
-        part, least = _sums(about, few), most * length
-        for some in (part[:last], part[count - few :]):
-            still &= np.abs(some / few - (total - some) / max(count - few, 1)) < least
+    most, total = np.sqrt(chi2.isf(STILL, 1)), _sums(about, count)
+    for few, length in lengths.items():
+        part = _sums(about, few)
+        for some in (part[: len(total)], part[count - few :]):
+            still &= np.abs(some / few - (total - some) / (count - few)) < most * length
     return still
 
 
 @lru_cache(maxsize=64)
-def _moves(answer: bytes, count: int) -> tuple[Array, list[float]]:
+def _moves(answer: bytes, count: int) -> tuple[Array, dict[int, float]]:
     """(ORDER, count) weights that give the coefficients, in standard deviations of what noise makes of them.
 
-    And the standard deviation of what it makes of the first few samples against the others.
+    And the standard deviation of what it makes of so many samples against the others.
     """
     noise, place = np.frombuffer(answer), np.arange(count)
     powers = np.vander(np.linspace(-1.0, 1.0, count), ORDER + 1, increasing=True)
     rows = np.linalg.qr(powers)[0][:, 1:].T
-    against = [np.where(place < few, 1.0 / few, -1.0 / max(count - few, 1)) for few in ENDS]
     scaled = [row / np.linalg.norm(np.convolve(noise, row)) for row in rows]
-    return np.array(scaled), [float(np.linalg.norm(np.convolve(noise, one))) for one in against]
+    against = {few: np.where(place < few, 1.0 / few, -1.0 / (count - few)) for few in ENDS if few < count}
+    return np.array(scaled), {few: float(np.linalg.norm(np.convolve(noise, a))) for few, a in against.items()}
