@@ -59,11 +59,8 @@ def _take_means(values: Array, made: Array, reached: Index, count: int, still: F
     still : (n - count + 1, c) whether so many samples from each on rest. Two samples belong to one rest if
         they rest together: where an angle jumps, two rests touch.
     """
-    means, rest, apart = (
-        _sums(values, count) / count,
-        _covered(still, count),
-        np.ones((1, values.shape[1]), bool),
-    )
+    means, rest = _sums(values, count) / count, _covered(still, count)
+    apart = np.ones((1, values.shape[1]), dtype=bool)
     joined = _covered(still, count - 1)[: len(values) - 1]
     begins = rest & np.concatenate([apart, ~joined])
     ends = rest & np.concatenate([~joined, apart])
