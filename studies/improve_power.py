@@ -1,12 +1,14 @@
 """How often the loop finds an effect, gives it the right name, and how well it tells its size.
 
-    python studies/improve_power.py [--seeds 4] [--hours H] [--part inside|outside|none] [--only EFFECT]
+    python studies/improve_power.py [--seeds 4] [--hours H] [--part inside|outside|few|none] [--only EFFECT]
 
 Each set is one campaign of eight runs by a truck with one effect, measured and taken through the loop over
 the layer in which the effect acts. Cells:
 
 * inside: each effect of the catalogue that is injected at 0.5, 1 and 2 times its usual size;
 * outside: effects that the catalogue of the loop lacks, at 1 and 3 times, where any name is a wrong one;
+* few: effects of the motion, at their usual size, in one run of the campaign alone, which tells some of them
+  from others and some not: a single name must be the right one;
 * none: a sound truck, where anything is a false alarm.
 
 Even seeds drive the truck of the sample logs, odd ones a truck drawn at random. A set is *detected* where the
@@ -54,7 +56,7 @@ from ident.stages.improve_told import found_effects  # noqa: E402
 
 KEPT = HERE / "results" / "improve_power.jsonl"
 LEVEL, DRAWS = 0.05, 999
-FACTORS = {"inside": (1.0, 2.0, 0.5), "outside": (1.0, 3.0), "none": (0.0,)}
+FACTORS = {"inside": (1.0, 2.0, 0.5), "outside": (1.0, 3.0), "few": (1.0,), "none": (0.0,)}
 VERDICTS = ("adequate", "named", "equivalent", "unexplained")
 ACTUATOR = (
     *("steering_column_play", "steering_rate_limit", "steering_dead_zone", "steering_friction"),
@@ -67,6 +69,8 @@ SIGNALS = {
     "sensor_latency": ("yaw_rate", "lateral_acceleration", "imu"),
 }
 """What an effect may act on, where there is more than one; each seed takes the next."""
+ALONE = ("slow_circles", "sweep_slow", "weave", "ramp_steer")
+"""Runs of the campaign, of which one is all that there is."""
 NAMED = {"road_bank", "antenna_offset"}
 """Effects of ``OUTSIDE`` that the loop has a name for."""
 
@@ -76,11 +80,21 @@ NAMED = {"road_bank", "antenna_offset"}
 
 def cells(parts: Sequence[str], seeds: int, only: Sequence[str] | None = None) -> Iterator[list[Any]]:
     """Yield all sets: (part, effect, factor, seed), the first seeds and usual sizes of everything first."""
-    names = {"inside": list(TYPICAL), "outside": list(OUTSIDE), "none": ["motion", "actuator"]}
+    motion = [name for name in TYPICAL if name not in ACTUATOR]
+    names = {
+        "inside": list(TYPICAL),
+        "outside": list(OUTSIDE),
+        "few": [f"{name} in {run}" for run in ALONE for name in motion],
+        "none": ["motion", "actuator"],
+    }
     for seed, rank in product(range(1, seeds + 1), range(max(len(one) for one in FACTORS.values()))):
         for part in parts:
             for factor in FACTORS[part][rank : rank + 1]:
-                yield from ([part, name, factor, seed] for name in names[part] if not only or name in only)
+                yield from (
+                    [part, name, factor, seed]
+                    for name in names[part]
+                    if not only or name.partition(" in ")[0] in only
+                )
 
 
 def one_set(cell: Sequence[Any], runs: Sequence[str] | None = None) -> Iterable[Row]:
@@ -89,6 +103,8 @@ def one_set(cell: Sequence[Any], runs: Sequence[str] | None = None) -> Iterable[
     runs : of the campaign, all unless said
     """
     part, name, factor, seed = cell
+    name, _, alone = name.partition(" in ")
+    runs = [alone] if alone else runs
     injected = [] if part == "none" else [_injected(name, factor, seed)]
     began = time.perf_counter()
     try:
@@ -169,7 +185,7 @@ def summary(rows: Sequence[Row]) -> str:
     """Return one line for each effect and size."""
     failed = [row for row in rows if "error" in row]
     whole = [row for row in rows if "error" not in row]
-    lines = [_inside(whole), _outside(whole), _none(whole)]
+    lines = [_inside(whole), _outside(whole), _few(whole), _none(whole)]
     lines += [f"{len(failed)} sets failed:" if failed else ""]
     lines += [f"  {row['cell']}: {row['error']}" for row in failed]
     return "\n".join(line for line in lines if line)
@@ -227,6 +243,27 @@ def _outside(rows: Sequence[Row]) -> str:
             f"{verdicts.count('unexplained'):>9}  {', '.join(names)}"
         )
     return "\n".join(lines) if len(lines) > 1 else ""
+
+
+def _few(rows: Sequence[Row]) -> str:
+    """One line for each run that is all there is: what is named singly, rightly or not; the largest class."""
+    rows = [row for row in rows if row["cell"][0] == "few"]
+    heads = ("n", "found", "in class", "single", "wrong", "largest")
+    lines = [f"{'one run alone':30}" + "".join(f"{head:>10}" for head in heads)]
+    lines += [_one_run(run, [row for row in rows if row["cell"][1].endswith(f" in {run}")]) for run in ALONE]
+    return "\n".join(lines) if rows else ""
+
+
+def _one_run(run: str, rows: Sequence[Row]) -> str:
+    hit = [row for row in rows if row["verdict"] in ("named", "equivalent")]
+    single = [row for row in hit if all(len(one) == 1 for one in row["members"].values())]
+    wrong = [row for row in single if not set(row["truth"]) & set(row["members"])]
+    inside = sum(bool(keys_of(row)[0] & keys_of(row)[1]) for row in hit)
+    largest = max((len(one) for row in hit for one in row["members"].values()), default=0)
+    names = [f"{row['cell'][1].partition(' in ')[0]} as {'+'.join(row['added'])}" for row in wrong]
+    found = sum(row["p_first"] <= LEVEL for row in rows)
+    counts = (len(rows), found, inside, len(single), len(wrong), largest)
+    return f"{run:30}" + "".join(f"{count:>10}" for count in counts) + f"  {', '.join(names)}"
 
 
 def _right(row: Row) -> bool:

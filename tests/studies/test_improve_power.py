@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from improve_power import FACTORS, OUTSIDE, TYPICAL, cells, holds, one_set, summary
+from improve_power import ACTUATOR, ALONE, FACTORS, OUTSIDE, TYPICAL, cells, holds, one_set, summary
 
 RUNS = ["there_and_back", "sweep_fast", "steps"]
 
@@ -29,9 +29,11 @@ def line_of(told, name):
 def test_all_effects_are_asked_for_in_all_sizes():
     made = list(cells(list(FACTORS), 2))
     assert len({json.dumps(cell) for cell in made}) == len(made)
-    assert len(made) == 2 * (3 * len(TYPICAL) + 2 * len(OUTSIDE) + 2)
+    alone = len(ALONE) * len(set(TYPICAL) - set(ACTUATOR))
+    assert len(made) == 2 * (3 * len(TYPICAL) + 2 * len(OUTSIDE) + alone + 2)
     assert {cell[3] for cell in made[: len(made) // 2]} == {1}
     assert len(list(cells(["inside"], 1, ["body_roll"]))) == 3
+    assert len(list(cells(["few"], 1, ["body_roll"]))) == len(ALONE)
 
 
 def test_the_table_counts_what_is_found_named_and_held():
@@ -60,6 +62,22 @@ def test_a_name_for_what_is_outside_is_wrong_unless_it_has_one():
     ]
     assert line_of(told, "road_bank") == ["road_bank", "1", "1", "1", "0", "0", "0"]
     assert line_of(told, "slosh") == ["slosh", "1", "1", "1", "0", "0", "1"]
+
+
+def test_a_single_name_in_one_run_is_right_or_wrong():
+    cell = ["few", "tyre_relaxation in weave", 1.0, 1]
+    truth = {"tyre_relaxation": {"length": 0.5}}
+    late = ["sensor_latency yaw_rate"]
+    both = {late[0]: [*late, "tyre_relaxation"]}
+    rows = [
+        row(cell, truth=truth, added=["tyre_relaxation"], members={"tyre_relaxation": ["tyre_relaxation"]}),
+        row(cell, truth=truth, added=late, members={late[0]: late}),
+        row(cell, truth=truth, verdict="equivalent", added=late, members=both),
+        row(cell, truth=truth, verdict="adequate", added=[], members={}, p_first=0.4),
+    ]
+    told = line_of(summary(rows), "weave")
+    assert told[:7] == ["weave", "4", "3", "2", "2", "1", "2"]
+    assert told[7:] == ["tyre_relaxation", "as", "sensor_latency", "yaw_rate"]
 
 
 def test_a_set_that_failed_is_told():
