@@ -336,7 +336,7 @@ def _error_lines(result: ImproveResult) -> list[str]:
     for name in signals:
         gone = taken(result, name)
         lower = "≥ " if name in error.at_least else ""
-        share = NONE if gone is None else f"{lower if gone else ''}{fixed(100 * gone, 0)} %"
+        share = NONE if gone is None else f"{lower if gone > 0 else ''}{fixed(100 * gone, 0)} %"
         sizes = [shown_size(name, one) for one in (error.before[name], error.after[name])]
         noise = lower + shown_size(name, error.noise.get(name))
         interval = shown_interval(name, error.after[name])

@@ -93,7 +93,7 @@ def _error_row(result: ImproveResult, signal: str) -> list[Cell]:
         _error_cell(signal, after),
         Cell(lower + shown(signal, floor), tone="muted"),
         Cell(upper + significant(ratio), raw=ratio, tone=tone, badge=ratio is not None),
-        Cell(NONE if gone is None else f"{lower if gone else ''}{fixed(100 * gone, 0)}\u00a0%", raw=gone),
+        Cell(NONE if gone is None else f"{lower if gone > 0 else ''}{fixed(100 * gone, 0)}\u00a0%", raw=gone),
     ]
 
 
