@@ -234,8 +234,8 @@ def _outside(rows: Sequence[Row]) -> str:
         f"{'outside of it':30}{'x':>4}{'n':>4}{'found':>7}{'adeq.':>7}{'wrongly named':>15}{'unexpl.':>9}"
     ]
     for (name, factor), own in _cells_of(rows, "outside").items():
-        wrong = [row for row in own if row["verdict"] in ("named", "equivalent") and not _right(row)]
-        names = sorted({"+".join(row["added"]) for row in wrong})
+        wrong = [row for row in own if row["verdict"] in ("named", "equivalent") and wrong_names(row)]
+        names = sorted({"+".join(wrong_names(row)) for row in wrong})
         verdicts = [row["verdict"] for row in own]
         hit = sum(row["p_first"] <= LEVEL for row in own)
         lines.append(
@@ -246,7 +246,7 @@ def _outside(rows: Sequence[Row]) -> str:
 
 
 def _few(rows: Sequence[Row]) -> str:
-    """One line for each run that is all there is: what is named singly, rightly or not; the largest class."""
+    """One line for each run that is all there is: what is named, singly, wrongly; the largest class."""
     rows = [row for row in rows if row["cell"][0] == "few"]
     heads = ("n", "found", "in class", "single", "wrong", "largest")
     lines = [f"{'one run alone':30}" + "".join(f"{head:>10}" for head in heads)]
@@ -257,19 +257,25 @@ def _few(rows: Sequence[Row]) -> str:
 def _one_run(run: str, rows: Sequence[Row]) -> str:
     hit = [row for row in rows if row["verdict"] in ("named", "equivalent")]
     single = [row for row in hit if all(len(one) == 1 for one in row["members"].values())]
-    wrong = [row for row in single if not set(row["truth"]) & set(row["members"])]
+    wrong = [row for row in hit if wrong_names(row)]
     inside = sum(bool(keys_of(row)[0] & keys_of(row)[1]) for row in hit)
     largest = max((len(one) for row in hit for one in row["members"].values()), default=0)
-    names = [f"{row['cell'][1].partition(' in ')[0]} as {'+'.join(row['added'])}" for row in wrong]
+    names = [f"{row['cell'][1].partition(' in ')[0]} as {'+'.join(wrong_names(row))}" for row in wrong]
     found = sum(row["p_first"] <= LEVEL for row in rows)
     counts = (len(rows), found, inside, len(single), len(wrong), largest)
     return f"{run:30}" + "".join(f"{count:>10}" for count in counts) + f"  {', '.join(names)}"
 
 
-def _right(row: Row) -> bool:
-    """Whether what is told has the name of what is true, whatever signal it is told of."""
-    true, told = ({key.split()[0] for key in keys} for keys in keys_of(row))
-    return bool(true & told & NAMED)
+def wrong_names(row: Row) -> list[str]:
+    """What was added without the truth in its class: every such name is a wrong one, beside a right one, too.
+
+    What is outside the catalogue may have a name in the loop, whatever signal that is told of.
+    """
+    true = set(row["truth"])
+    if row["cell"][0] == "outside":
+        true &= NAMED
+        return [k for k, of in row["members"].items() if not true & {one.split()[0] for one in of}]
+    return [key for key, members in row["members"].items() if not true & set(members)]
 
 
 def _none(rows: Sequence[Row]) -> str:

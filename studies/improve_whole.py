@@ -173,6 +173,11 @@ def summary(rows: Sequence[Row]) -> str:
     low, high = limits(len(wrong), max(len(sound), 1))
     lines = [f"sound trucks: {len(wrong)} of {len(sound)} not adequate ({low:.3f} to {high:.3f})"]
     lines += [f"  {row['cell']}: {row['verdict']} {row['added']}" for row in wrong]
+    lines += [
+        f"  {row['cell']} at 50 Hz: {row['at_50_hz']['verdict']} {row['at_50_hz']['added']}"
+        for row in sound
+        if row["at_50_hz"]["verdict"] != "adequate"
+    ]
     for name in TYPICAL:
         own = [row for row in rows if row["cell"][0] == name]
         if own:

@@ -18,7 +18,7 @@ def threads() -> int:
     """How many a process may use: the cores that it may run on, at most ``OMP_NUM_THREADS``."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     told = os.environ.get("OMP_NUM_THREADS", "")
-    return min(cores, int(told)) if told.isdigit() and int(told) > 0 else cores
+    return min(cores, int(told)) if told.isdecimal() and int(told) > 0 else cores
 
 
 def shares(offsets: NDArray[np.int64], count: int) -> list[tuple[int, int]]:

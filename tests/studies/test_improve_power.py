@@ -3,7 +3,18 @@
 import json
 
 import pytest
-from improve_power import ACTUATOR, ALONE, FACTORS, OUTSIDE, TYPICAL, cells, holds, one_set, summary
+from improve_power import (
+    ACTUATOR,
+    ALONE,
+    FACTORS,
+    OUTSIDE,
+    TYPICAL,
+    cells,
+    holds,
+    one_set,
+    summary,
+    wrong_names,
+)
 
 RUNS = ["there_and_back", "sweep_fast", "steps"]
 
@@ -56,6 +67,9 @@ def test_a_name_for_what_is_outside_is_wrong_unless_it_has_one():
     friction["members"] = {"steering_column_play": ["steering_column_play"]}
     bank = row(["outside", "road_bank", 1.0, 1])
     unexplained = row(["outside", "slosh", 1.0, 1], verdict="unexplained", added=[], members={})
+    twice = row(["outside", "road_bank", 3.0, 1], added=["road_bank", "wheel_speed_scale"])
+    twice["members"] = {"road_bank": ["road_bank"], "wheel_speed_scale": ["wheel_speed_scale"]}
+    assert wrong_names(twice) == ["wheel_speed_scale"]
     told = summary([friction, bank, unexplained])
     assert line_of(told, "steering_friction") == [
         *("steering_friction", "1", "1", "1", "0", "1", "0", "steering_column_play"),
@@ -75,6 +89,9 @@ def test_a_single_name_in_one_run_is_right_or_wrong():
         row(cell, truth=truth, verdict="equivalent", added=late, members=both),
         row(cell, truth=truth, verdict="adequate", added=[], members={}, p_first=0.4),
     ]
+    assert wrong_names(rows[0]) == []
+    second = row(cell, truth=truth, members={"tyre_relaxation": ["tyre_relaxation"], late[0]: late})
+    assert wrong_names(second) == late, "a second name is a wrong one beside a right one, too"
     told = line_of(summary(rows), "weave")
     assert told[:7] == ["weave", "4", "3", "2", "2", "1", "2"]
     assert told[7:] == ["tyre_relaxation", "as", "sensor_latency", "yaw_rate"]
